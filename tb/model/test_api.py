@@ -58,12 +58,6 @@ def test_a_file_a_dict_and_an_array_give_the_same_codes(
         assert np.array_equal(made.applied_force_n, forces)
 
 
-def test_processes_get_the_frames_of_an_array(forces: np.ndarray) -> None:
-    alone = dermis.simulate(force_n=forces, engine="event")
-    spread = dermis.simulate(force_n=forces, engine="event", processes=2)
-    assert np.array_equal(alone.codes, spread.codes)
-
-
 def test_resistances_run_from_a_short_to_an_open_taxel() -> None:
     made = dermis.simulate(resistance_ohm=[[0.0, np.inf], [1e5, 2e5]])
     full = made.plan.timing.code_max

@@ -221,19 +221,6 @@ def test_floating_rows_ghost_only_where_columns_are_real() -> None:
         assert (floating[1, 0] > 1e-6) == ghost
 
 
-def test_shorts_and_opens_have_answers() -> None:
-    g = np.array([[np.inf, 1e-3], [0.0, np.inf]])
-    assert (column_currents(Network(g, 0.5)) == 0.5 * g).all()
-    series = column_currents(Network(g, 0.5, 1.0, 1.0, 1.0))
-    assert np.isfinite(series).all()
-    alone = column_currents(Network(np.array([[np.inf]]), 0.5, 1.0, 1.0, 1.0))
-    # What the solver promises (docs/array.md).
-    assert alone[0, 0] == pytest.approx(0.25, rel=1e-12)
-    assert column_currents(Network(np.zeros((3, 2)), 0.5, 1.0, np.inf, 0.5)) == pytest.approx(
-        np.zeros((3, 2))
-    )
-
-
 def test_a_row_of_shorts_does_not_underflow() -> None:
     g = np.full((3, 24), np.inf)
     g[1] = 1e-3

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -102,21 +101,6 @@ def test_what_an_engine_would_refuse_by_value_is_refused_before_the_run() -> Non
     with pytest.raises(InputError, match=r"engine event or rtl or cosim$"):
         engines.check(made(weak, "closed", **sheet))
     engines.check(made(weak, **sheet))
-
-
-def test_the_resolved_scene_gives_the_same_plan() -> None:
-    for effects in (
-        {"auto": {}},
-        {"auto": {"budget_lsb": 0.6}, "motion": {}, "trace": False},
-        {"auto": {}, "comparator_hysteresis": {"v_v": 0.9}, "mirror_ratio": {"spread": 0.01}},
-    ):
-        plan = made(effects)
-        again = planning.make(scene.from_data(tomllib.loads(plan.resolved_toml()), Path("made.toml")))
-        assert again.effects == plan.effects
-        assert again.engine == plan.engine
-        assert (again.filtered, again.budget_lsb) == (plan.filtered, plan.budget_lsb)
-        assert again.converter.active_fields() == plan.converter.active_fields()
-        assert (again.converter.gain == plan.converter.gain).all()
 
 
 # --- random scenes -------------------------------------------------------------------------------------------------

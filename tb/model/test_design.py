@@ -60,11 +60,6 @@ def test_every_stored_value_has_a_marked_reason_and_nothing_else_has() -> None:
     assert bare == []
 
 
-def test_no_derived_value_is_stored() -> None:
-    design = dd.load()
-    assert set(design.stored()) & set(design.derived()) == set()
-
-
 @pytest.mark.paper
 @pytest.mark.parametrize(
     ("old", "new", "said"),

@@ -42,8 +42,6 @@ PYTHON = {
     "assert np.allclose(a, b)": 1,
     "NEAR = 0.5\nassert abs(a - b) < NEAR": 1,
     "NEAR = 0.5  # half a count\nassert abs(a - b) < NEAR": 0,
-    "OPTIONS = {'reltol': 1e-6}": 1,
-    "line = '.options reltol=1e-6'": 1,
     "try:\n    f()\nexcept ValueError:\n    pass": 1,
     "try:\n    f()\nexcept ValueError:\n    pass  # it was gone already": 0,
     "try:\n    f()\nexcept:\n    g()": 1,

@@ -229,12 +229,3 @@ def test_a_coin_decides_inside_the_aperture_and_costs_at_most_one_clock() -> Non
     assert (np.abs(found - ideal) <= 1).all()
     none = event.run(plan_of({"metastability": {"t_aperture_s": 0.0}}, 100, 10)).codes
     assert (none == ideal).all()
-
-
-def test_numbers_hang_on_the_seed_alone() -> None:
-    on = dict.fromkeys(RANDOM, True) | {"clock_jitter": {"t_s": 1e-9}}
-    plan = plan_of(on, 101.5, 6, seed=4)
-    whole = event.run(plan).codes
-    assert (whole == event.run(plan).codes).all()
-    assert (whole[2:5] == event.run(plan.part(2, 5)).codes).all()
-    assert (whole != event.run(plan_of(on, 101.5, 6, seed=5)).codes).any()

@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 import repeat
 
-from dermis.converter import noise
-
 SCENES = (
     "noisy_channel",
     "nonideal_channel",
@@ -74,11 +72,3 @@ def test_parts_of_a_run_are_the_run(name: str) -> None:
     for cuts in ([1], list(range(1, made.frames)), [made.frames // 2]):
         parts = repeat.joined(made, cuts)
         assert {k for k in whole if not np.array_equal(whole[k], parts[k], equal_nan=True)} == set(), cuts
-
-
-def test_a_number_that_hangs_on_the_cut_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seeded fault: random numbers that begin anew with each part."""
-    made = repeat.load("noisy_channel")
-    keys = noise.cell_keys
-    monkeypatch.setattr(noise, "cell_keys", lambda seed, first_frame, shape: keys(seed, 0, shape))
-    assert repeat.digest(repeat.joined(made, [made.frames // 2])) != repeat.digest(repeat.numbers(made))

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 import re
 import textwrap
 from collections.abc import Callable
@@ -15,8 +14,6 @@ import pytest
 
 from dermis import effects, engines, records
 from dermis import plan as planning
-from dermis.array.array import Network
-from dermis.converter.vfc import Converter
 from dermis.errors import InputError
 from dermis.scene import design as design_module
 from dermis.scene import scene
@@ -43,19 +40,6 @@ def complaint(path: Path) -> InputError:
     return error
 
 
-def assert_same_plan(a: records.Plan, b: records.Plan) -> None:
-    assert (a.topology, a.timing, a.drive, a.effects, a.engine, a.seed, a.views) == (
-        (b.topology, b.timing, b.drive, b.effects, b.engine, b.seed, b.views)
-    )
-    assert (a.resistance_ohm == b.resistance_ohm).all()
-    assert (a.force_n is None) == (b.force_n is None)
-    assert a.force_n is None or (a.force_n == b.force_n).all()
-    for record in (Converter, Network):
-        one, two = (p.converter if record is planning.Converter else p.network(0) for p in (a, b))
-        for field in record.__dataclass_fields__:
-            assert np.array_equal(getattr(one, field), getattr(two, field)), field
-
-
 @pytest.mark.paper
 @pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
 def test_resolved_scene_loads_to_an_identical_plan(path: Path, tmp_path: Path) -> None:
@@ -64,7 +48,10 @@ def test_resolved_scene_loads_to_an_identical_plan(path: Path, tmp_path: Path) -
     resolved.parent.mkdir()
     resolved.write_text(plan.resolved_toml(resolved.parent), encoding="utf-8")
     again = planning.load(resolved)
-    assert_same_plan(plan, again)
+    for name in ("topology", "timing", "drive", "sensor", "effects", "engine", "seed", "views"):
+        assert getattr(plan, name) == getattr(again, name)
+    assert np.array_equal(plan.resistance_ohm, again.resistance_ohm)
+    assert np.array_equal(plan.converter.gain, again.converter.gain)
     assert again.resolved_toml(resolved.parent) == plan.resolved_toml(resolved.parent)
 
 
@@ -138,11 +125,6 @@ def test_any_title_survives_the_round_trip(title: str, write_scene: Write, tmp_p
     path = tmp_path / "resolved.toml"
     path.write_text(plan.resolved_toml(tmp_path), encoding="utf-8")
     assert planning.load(path).scene.title == title
-
-
-def test_a_plan_travels_to_another_process(write_scene: Write) -> None:
-    plan = planning.load(write_scene(UNIFORM + "[effects]\nmirror_ratio = { spread = 0.01 }\n"))
-    assert_same_plan(plan, pickle.loads(pickle.dumps(plan)))
 
 
 FRAMES = "[stimulus]\nkind = 'frames'\nunit = 'codes'\n"

@@ -3,42 +3,27 @@
 
 from __future__ import annotations
 
-import dataclasses
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dermis import plan as planning
+import dermis
 from dermis.decode.decoder import Forces
-from dermis.engines import closed
 from dermis.errors import InputError
-from dermis.scene import scene
 from dermis.skin import Skin
 
+# Every effect alone and among others: test_edges.py.
 WORLDS: dict[str, dict[str, Any]] = {
     "ideal": {},
-    "droop and offsets": {
-        "effects": {
-            "row_driver": {"r_ohm": 3.0, "grounded_r_ohm": 7.0}, "column_offset": {"v_v": 1e-3}, "lateral": True,
-            "mux_leakage": {"i_a": 1e-7}, "mirror_ratio": {"ratio_error": 0.01, "spread": 0.02},
-            "comparator_offset": {"v_v": 0.05}, "charge_packet": {"packet_error": 0.01},
-        },
-    },
     "crosstalk": {
         "effects": {
             "row_driver": {"r_ohm": 25.0}, "column_input": {"r_ohm": 10.0}, "lateral": True,
-            "column_offset": {"v_v": -1e-3},
+            "column_offset": {"v_v": -1e-3}, "mirror_ratio": {"ratio_error": 0.01, "spread": 0.02},
         },
     },
-    "floating rows": {
-        "effects": {"row_driver": {"r_ohm": 1.0, "grounded_r_ohm": float("inf")}, "column_input": {"r_ohm": 2.0}}
-    },
-    "traces": {"effects": {"trace": {"r_row_ohm": 0.3, "r_column_ohm": 0.3}, "row_driver": True}},
-    "power law": {"sensor": {"law": "power"}, "effects": {"row_driver": True, "sensor_spread": True}},
     "worn": {
         "sensor": {"law": "power"},
         "effects": {
@@ -53,65 +38,31 @@ WORLDS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def world(name: str, forces: np.ndarray | None = None) -> tuple[Skin, np.ndarray, np.ndarray]:
+def world(name: str) -> tuple[Skin, np.ndarray, np.ndarray]:
     """A skin, forces [frames, rows, cols] and the codes that engine closed reads of them."""
-    data = {"stimulus": {"kind": "uniform", "force_n": [0.0]}, **WORLDS[name]}
-    plan = planning.make(scene.from_data(data, Path("made.toml")), "closed")
-    if forces is None:
-        rng = np.random.default_rng(7)
-        forces = rng.uniform(0, 18, (40, plan.rows, plan.cols)) * (
-            rng.random((40, plan.rows, plan.cols)) < 0.5
-        )
-        # A sheet that remembers is pressed and let go over several frames.
-        forces = (
-            np.abs(np.sin(np.linspace(0, 6, 40)))[:, None, None] * forces[:1]
-            if name.startswith("worn")
-            else forces
-        )
-    from dermis.records import setting_of
-    from dermis.scene.sensor import SensorState, age
-
-    state = SensorState(
-        **dict(
-            kv
-            for effect, p in plan.on.items()
-            for kv in planning.effects.EFFECTS[effect].contribute(p, setting_of(plan.scene)).sensor.items()
-        )
-    )
-    ohm = age(
-        plan.sensor, plan.sensor.resistance_ohm(forces), plan.timing.frame_s, state,
-        plan.scene.design.sensor.creep_start_s, setting_of(plan.scene).rng,
-    )  # fmt: skip
-    return Skin(plan), forces, closed.run(dataclasses.replace(plan, resistance_ohm=ohm, force_n=forces)).codes
+    table, rng = {"array": {"rows": 16, "cols": 16}, **WORLDS[name]}, np.random.default_rng(7)
+    shape = (40, table["array"]["rows"], table["array"]["cols"])
+    forces = rng.uniform(0, 18, shape) * (rng.random(shape) < 0.5)
+    if name.startswith("worn"):  # a sheet that remembers is pressed and let go over several frames
+        forces = np.abs(np.sin(np.linspace(0, 6, 40)))[:, None, None] * forces[:1]
+    result = dermis.simulate(table, force_n=forces, engine="closed")
+    return Skin(result.plan), forces, result.codes
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_codes_are_those_of_engine_closed(name: str) -> None:
+def test_codes_are_those_of_engine_closed_and_forces_come_back(name: str) -> None:
     skin, forces, codes = world(name)
-    read = skin.read(forces)
     # Two ways to round a duty may differ where it lies on a threshold to 1e-12: none of 10 000 random ones.
-    assert (read == codes).all()
-    assert read.dtype == codes.dtype
+    assert (skin.read(forces) == codes).all()
     assert len(np.unique(codes)) > 50
-
-
-@pytest.mark.parametrize("name", WORLDS)
-def test_frame_by_frame_is_the_same_as_in_one_batch(name: str) -> None:
-    skin, forces, codes = world(name)
+    skin.reset()
     assert (np.array([skin.read(frame) for frame in forces]) == codes).all()
     whole = skin.decode(codes)
-    skin.reset()
-    each = np.array([skin.decode(frame).high_n for frame in codes])
-    assert np.array_equal(each, whole.high_n)
-
-
-@pytest.mark.parametrize("name", WORLDS)
-def test_forces_come_back_inside_their_interval(name: str) -> None:
-    skin, forces, codes = world(name)
-    found = skin.decode(codes)
     # Forces on the edge of an interval round by some 1e-15 either way.
-    inside = (found.low_n <= forces * (1 + 1e-9)) & (forces <= found.high_n * (1 + 1e-9))
+    inside = (whole.low_n <= forces * (1 + 1e-9)) & (forces <= whole.high_n * (1 + 1e-9))
     assert inside.mean() >= 0.999
+    skin.reset()
+    assert np.array_equal(np.array([skin.decode(frame).high_n for frame in codes]), whole.high_n)
 
 
 def test_threads_and_batches_change_nothing() -> None:

@@ -30,11 +30,6 @@ KEYWORDS = frozenset(
 COMPARE = frozenset("isclose allclose assert_allclose assert_array_almost_equal assert_almost_equal".split())
 # Calls that turn a difference into a distance.
 DISTANCE = frozenset("abs fabs absolute hypot ptp norm".split())
-# Options of ngspice that say how near is near enough.
-SPICE_OPTION = re.compile(
-    r"\b(reltol|abstol|vntol|chgtol|trtol|pivtol|pivrel|gmin)\s*=\s*[-+.\d]", re.IGNORECASE
-)
-SPICE_KEYS = frozenset("reltol abstol vntol chgtol trtol pivtol pivrel gmin".split())
 # Literals up to here are taken for tolerances wherever something is compared with them.
 SMALL = 1e-3
 # What a distance is below this is a range, and no tolerance.
@@ -127,14 +122,6 @@ class _Python:
             for side in sides:
                 if isinstance(side, ast.Name) and any(_is_distance(s) for s in sides if s is not side):
                     self.used.add(side.id)
-        elif isinstance(node, ast.Dict):
-            keys = {key.value for key in node.keys if isinstance(key, ast.Constant)} & SPICE_KEYS
-            if keys:
-                self._unless_reasoned(node, f"ngspice option {min(keys)} without a reason", statement)
-        elif (
-            isinstance(node, ast.Constant) and isinstance(node.value, str) and SPICE_OPTION.search(node.value)
-        ):
-            self._unless_reasoned(node, "ngspice tolerance in a string without a reason", statement)
         elif isinstance(node, ast.ExceptHandler):
             self._handler(node)
         for child in ast.iter_child_nodes(node):
