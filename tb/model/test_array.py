@@ -198,29 +198,6 @@ def test_lateral_resistors_spread_a_touch_once_columns_are_real() -> None:
     assert one_row[0, 7] / lsb == pytest.approx(1.2, abs=0.1)
 
 
-def test_offset_of_a_column_adds_its_share_of_all_rows() -> None:
-    g = 1 / np.random.default_rng(0).uniform(500, 64250, (16, 4))
-    v = np.array([1e-3, 0, -2e-3, 5e-4])
-    with_offset = column_currents(Network(g, 0.5, v_column_offset_v=v))
-    # The bias cancels: what is left is 1e-4 of it, so 1e-9 are some hundred roundings; 1e-18 A where no
-    # offset is.
-    assert with_offset - 0.5 * g == pytest.approx(np.tile(-v * g.sum(axis=0), (16, 1)), rel=1e-9, abs=1e-18)
-    # 1 mV on a fully pressed column of 16 is 8 codes
-    pressed = column_currents(Network(np.full((16, 1), 1 / 500), 0.5, v_column_offset_v=-1e-3))
-    assert (pressed[0, 0] - 1e-3) / (0.5 / 250 / 510) == pytest.approx(8.16, abs=0.01)  # the last digit
-
-
-def test_floating_rows_ghost_only_where_columns_are_real() -> None:
-    g = np.zeros((2, 2))
-    g[0, 0] = g[0, 1] = g[1, 1] = 1e-3  # three corners of a square: the fourth is the ghost
-    for r_column, ghost in ((0.0, False), (50.0, True)):
-        floating = column_currents(Network(g, 0.5, 0.0, np.inf, r_column))
-        grounded = column_currents(Network(g, 0.5, 0.0, 0.0, r_column))
-        # An open taxel beside grounded rows: nothing flows; 1e-18 A is a rounding of the 0.5 mA beside it.
-        assert grounded[1, 0] == pytest.approx(0.0, abs=1e-18)
-        assert (floating[1, 0] > 1e-6) == ghost
-
-
 def test_a_row_of_shorts_does_not_underflow() -> None:
     g = np.full((3, 24), np.inf)
     g[1] = 1e-3

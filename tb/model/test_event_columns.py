@@ -37,24 +37,21 @@ def drawn_by_offsets(plan: records.Plan) -> np.ndarray:
     return np.stack(drawn, axis=-1)
 
 
-def test_conductances_between_virtual_grounds_are_what_an_offset_there_draws(tmp_path: Path) -> None:
-    for seed in range(5):
-        plan = made(tmp_path, ohms(seed, 1, 3, 4), coupled(seed), "direct")
-        found = seen_from_grounds(plan.network(0), plan.conductance_s())[0]
-        # A millivolt beside half a volt of bias, in a solve to 1e-12; 1e-15 S where columns do not touch.
-        assert found == pytest.approx(drawn_by_offsets(plan), rel=1e-9, abs=1e-15)
+TRACES = {
+    "trace": {"r_row_ohm": 1.0, "r_column_ohm": 100.0},
+    "integrator_gain": {"gain_dc": 60.0, "r_in_ohm": 1e9},
+}
 
 
-def test_traces_between_virtual_grounds_are_those_of_the_array(tmp_path: Path) -> None:
-    on = {
-        "trace": {"r_row_ohm": 1.0, "r_column_ohm": 100.0},
-        "integrator_gain": {"gain_dc": 60.0, "r_in_ohm": 1e9},
-    }
+@pytest.mark.parametrize("on", [*map(coupled, range(4)), TRACES])
+def test_conductances_between_virtual_grounds_are_what_an_offset_there_draws(
+    tmp_path: Path, on: dict[str, object]
+) -> None:
     plan = made(tmp_path, ohms(20, 1, 3, 4), on, "direct")
-    found = seen_from_grounds(plan.network(0), plan.conductance_s())[0]
     drawn = drawn_by_offsets(plan)
-    # As above.
-    assert np.broadcast_to(found, drawn.shape) == pytest.approx(drawn, rel=1e-9, abs=1e-15)
+    found = np.broadcast_to(seen_from_grounds(plan.network(0), plan.conductance_s())[0], drawn.shape)
+    # A millivolt beside half a volt of bias, in a solve to 1e-12; 1e-15 S where columns do not touch.
+    assert found == pytest.approx(drawn, rel=1e-9, abs=1e-15)
 
 
 def test_coupled_columns_count_as_their_common_equation_to_one_count(tmp_path: Path) -> None:

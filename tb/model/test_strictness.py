@@ -148,17 +148,6 @@ def test_a_key_refuses_what_its_documentation_forbids_and_takes_what_it_allows(
     assert refused >= 10
 
 
-def test_a_negative_zero_is_a_zero(directory: Path) -> None:
-    data = {
-        "array": {"rows": 3, "cols": 2},
-        "stimulus": {"kind": "uniform", "r_ohm": [-0.0, 500.0]},
-        "effects": {"row_driver": {"r_ohm": -0.0}, "column_input": {"r_ohm": [-0.0, 1.0]}},
-    }
-    table = scene.from_data(data, directory / "made.toml").table
-    zeros = [table.stimulus.r_ohm[0], table.effects.row_driver.r_ohm, table.effects.column_input.r_ohm[0]]
-    assert [math.copysign(1.0, zero) for zero in zeros] == [1.0, 1.0, 1.0]
-
-
 TABLES = sorted({(kind, tuple(path[:-1])) for _, kind, path, _ in KEYS})
 
 
