@@ -20,9 +20,6 @@ from typing import Any, Literal
 import click
 import tomlkit
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
 from dermis.converter import vfc
 from dermis.errors import InputError
@@ -495,18 +492,11 @@ def _judged(
 
 def print_answer(answer: Answer) -> None:
     """Print the sizing, the verdict on it and the table over the range."""
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=150)
     sizing = [(n, v if isinstance(v, str) else f"{v:.6g}") for n, v in answer.values().items()]
+    verdict.print_table("Design", ("value", ""), sizing, ("",))
+    heads = [head.replace("[", r"\[") for head in RANGE_COLUMNS]
     cells = [[f"{cell:.6g}" for cell in row] for row in answer.range_table()]
-    for title, head, rows in (("Design", ("value", ""), sizing), ("Over the range", RANGE_COLUMNS, cells)):
-        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-        for heading in head:
-            table.add_column(heading.replace("[", r"\["), justify="left" if heading == "value" else "right")
-        for row in rows:
-            table.add_row(*row)
-        console.print(table)
+    verdict.print_table("Over the range", heads, cells, heads)
     verdict.print_rows(answer.rows, "Feasibility")
 
 

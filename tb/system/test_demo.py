@@ -288,16 +288,18 @@ BAD_FILES = {
 }
 
 
-@pytest.mark.parametrize("way", [choose, drop])
-def test_bad_files_are_refused_in_one_line(fresh: Any, tmp_path: Path, way: Callable[..., None]) -> None:
+def test_bad_files_and_links_are_refused_in_one_line(fresh: Any, page: Path, tmp_path: Path) -> None:
     for name, (content, said) in BAD_FILES.items():
         (tmp_path / name).write_bytes(content)
-        way(fresh, tmp_path / name)
+        choose(fresh, tmp_path / name)
         wait(fresh, f"document.getElementById('alert').textContent.includes('{name}')")
         text = by_id(fresh, "alert").text
         assert said in text
         assert "\n" not in text
         assert not by_id(fresh, "player").is_displayed()
+    browser.visit(fresh, page, "#b=cube,1,2&row_ohm=x")
+    assert "no scene" in by_id(fresh, "alert").text
+    assert fresh.execute_script("return demo.state().latest.good")
 
 
 def test_spi_bytes_are_shown_with_their_crc(fresh: Any) -> None:

@@ -298,7 +298,7 @@ def test_a_crossing_that_takes_longer_than_a_period_is_seen(
 @pytest.mark.long
 @needs_osu035
 @needs_sta
-def test_a_liberty_that_changed_and_derates_change_the_slack(
+def test_derates_and_another_liberty_change_the_slack(
     chip: tuple[list[verdict.Row], Netlist], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     periods = synth.sdc_periods()
@@ -308,13 +308,11 @@ def test_a_liberty_that_changed_and_derates_change_the_slack(
     assert all(derated[key].slack_ns < plain[key].slack_ns - 0.1 for key in plain)
     text = OSU035.liberty("typical").read_text()
     slower = re.sub(
-        r"values \([^)]*\)", lambda m: re.sub(r"\d+\.\d+", lambda n: f"{2 * float(n[0]):g}", m[0]), text
+        r"(?<=values \()[^)]*", lambda m: re.sub(r"\d+\.\d+", lambda n: f"{2 * float(n[0]):g}", m[0]), text
     )
     (tmp_path / "osu035_stdcells.lib").write_text(slower)
     monkeypatch.setattr(synth_cells, "OSU035", tmp_path)
-    second = timing(chip, tmp_path).worst(periods)
-    assert second["sck", "max"].slack_ns < plain["sck", "max"].slack_ns - 2
-    assert second["clk", "min"].slack_ns != plain["clk", "min"].slack_ns
+    assert timing(chip, tmp_path).worst(periods)["sck", "max"].slack_ns < plain["sck", "max"].slack_ns - 2
 
 
 def test_a_netlist_is_mapped_again_if_its_inputs_or_its_files_change(
@@ -328,19 +326,17 @@ def test_a_netlist_is_mapped_again_if_its_inputs_or_its_files_change(
             (directory / name).write_text("{}")
         return Netlist(technology, directory, directory / "netlist.v", directory / "netlist.json")
 
-    def mapped(technology: synth_cells.Technology, rows: int = 2) -> bool:
+    def mapped(rows: int = 2, **changes: int) -> bool:
         before = len(made)
-        map_once(technology, {"ROWS": rows}, tmp_path)
+        map_once(dataclasses.replace(TECHNOLOGIES["sky130"], **changes), {"ROWS": rows}, tmp_path)
         return len(made) > before
 
     monkeypatch.setattr(synth_map, "map_design", fake)
     monkeypatch.setattr(synth_map, "read_netlist", lambda *a: None)
-    sky130 = TECHNOLOGIES["sky130"]
-    assert [mapped(sky130), mapped(sky130), mapped(sky130, rows=3)] == [True, False, True]
-    assert mapped(dataclasses.replace(sky130, fanout=5))
-    assert [mapped(sky130), mapped(sky130)] == [True, False]
+    assert [mapped(), mapped(), mapped(rows=3), mapped(fanout=5)] == [True, False, True, True]
+    assert [mapped(), mapped()] == [True, False]
     (tmp_path / "netlist.v").write_text("{ }")
-    assert mapped(sky130)
+    assert mapped()
 
 
 # ---- libraries --------------------------------------------------------------------------------------------------
