@@ -94,7 +94,7 @@ ALONE = "lateral = false\nintegrator_gain = false\nintegrator_bandwidth = false\
 # the last row is wrong by several codes if its scan begins at time zero. Slow mirrors
 # remember the row before, which is solved as well.
 SCENES = {
-    "direct": ("direct", ALONE, (5, 3), 2, 2),
+    "direct": ("direct", ALONE, (3, 2), 36, 1),
     "mirror": ("conveyor_mirror", "", (5, 3), 99, 2),
     "inverted": ("conveyor_mirror_inverted", "", (5, 3), 99, 2),
     "multi_output": ("multi_output_conveyor", "", (5, 3), 99, 2),

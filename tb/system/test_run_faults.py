@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -171,24 +170,6 @@ def test_every_command_answers_a_signal_with_its_exit_code_and_a_word(
     assert (ended.code, ended.error.strip()) == (code, word)  # click puts a line end behind ^C
 
 
-def test_what_asks_to_end_waits_for_what_must_not_stop_in_its_middle() -> None:
-    done = []
-
-    def asked() -> None:
-        with children.ending():
-            with children.held():
-                os.kill(os.getpid(), signal.SIGTERM)
-                time.sleep(0)  # a place at which the signal would be an exception
-                done.append("all of it")
-            done.append("never")
-
-    with pytest.raises(children.Terminated) as raised:
-        asked()
-    assert done == ["all of it"]
-    assert raised.value.code == 143
-    assert children._asked_at is None
-
-
 # ---- results are whole ------------------------------------------------------------------------------------------
 
 
@@ -310,18 +291,6 @@ def test_a_damaged_liberty_is_refused_by_name(tmp_path: Path, content: bytes | N
     path.mkdir() if content is None else path.write_bytes(content)
     with pytest.raises(InputError, match=r"cells\.lib"):
         synth_cells.cells(path)
-
-
-def test_patience_counts_no_time_in_which_this_process_did_not_look(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    patience = children.Timeout(8.0)
-    assert not patience.over("a")
-    now[0] = 3600.0  # stopped with Ctrl-Z for an hour, and so was what it waits for
-    assert not patience.over("a")
-    now[0] += 4.0
-    assert patience.over("a")
-    assert not patience.over("b")
 
 
 # ---- one trial of each kind, with a real command ------------------------------------------------------------------
