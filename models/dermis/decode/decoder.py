@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
+from collections import namedtuple
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,11 +46,30 @@ class Forces:
     flags: NDArray[np.uint8]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _spread(
-    g, down, up, e_down, e_up, u, total, full, hidden, g_full, v_bias, r_driven, g_ground, r_return, r_column,
-    g_lateral, through, doubt,
-):  # fmt: skip
+_compiled = njit(cache=True, nogil=True, error_model="numpy")
+
+_KNOWN = (
+    # Columns: codes of none and of the largest current, ampere a code, code of no current, errors of both.
+    "zero_code full_code step start inv_range step_part start_sigma offset_v2 "
+    # Half the width of a code, and of a taxel the largest conductance and that of full scale.
+    "half g_max g_full "
+    # `crosstalk.arguments`, and with the ends of traces: no compiled solve has those.
+    "v_bias r_driven g_ground r_column v_offset i_leak g_lateral r_driven_far r_column_far r_return traced "
+    # Taxels: number of the law [rows, cols], all laws, factor with its error, errors of all, constant taxels.
+    "which logarithmic knots coefficients g_open force_on factor factor_part law_part uncorrected reference "
+    # Hysteresis and creep.
+    "radius weight per_decade"
+)
+
+
+class _Known(namedtuple("_Known", _KNOWN)):
+    """What a calibration says, in the units of `Calibration`, for the compiled loops."""
+
+    __slots__ = ()
+
+
+@_compiled
+def _spread(k, g, e_down, e_up, u, total, full, hidden, down, up, through, doubt):
     """Fill in how far conductances `g` may lie below and above, [rows, cols], for errors of the currents.
 
     First order in the errors, and an upper bound in the signs (docs/decode.md). Traces count in full. In a row with
@@ -57,9 +78,10 @@ def _spread(
     past its input. `doubt` [rows, cols] is how far that may move a current.
     """
     rows, cols = g.shape
+    v_bias, r_driven, r_column, g_lateral = k.v_bias, k.r_driven_far, k.r_column_far, k.g_lateral
     lifts, part = np.empty(rows), np.empty(rows)
     for i in range(rows):
-        part[i] = g_ground / (total[i] + g_ground) if total[i] + g_ground > 0.0 else 0.0
+        part[i] = k.g_ground / (total[i] + k.g_ground) if total[i] + k.g_ground > 0.0 else 0.0
     for r in range(rows):
         for c in range(cols):
             down[r, c], up[r, c] = e_down[r, c] / v_bias, e_up[r, c] / v_bias
@@ -80,7 +102,7 @@ def _spread(
             come, leave = 0.0, 0.0
             for i in range(rows):
                 lifts[i] = 0.0
-                if i == r or total[i] + g_ground == 0.0:
+                if i == r or total[i] + k.g_ground == 0.0:
                     continue
                 lift = 0.0
                 for c in range(cols):
@@ -88,13 +110,13 @@ def _spread(
                         g[i, c] * r_column[c] * other[r, c]
                         + (high - low) * (e_down[i, c] + e_up[i, c]) / v_bias
                     )
-                lifts[i] = lift / (total[i] + g_ground)
+                lifts[i] = lift / (total[i] + k.g_ground)
                 come += part[i] * lift
                 leave += part[i] * total[i]
             # The shared return lifts them all.
-            node, shorted = come * r_return / (1.0 + r_return * leave), False
+            node, shorted = come * k.r_return / (1.0 + k.r_return * leave), False
             for i in range(rows):
-                shorted = shorted or (full[i] and i != r and r_return > 0.0)
+                shorted = shorted or (full[i] and i != r and k.r_return > 0.0)
             if shorted:
                 node = high - low
             for i in range(rows):
@@ -102,8 +124,8 @@ def _spread(
                     continue
                 if full[i]:
                     for c in range(cols):
-                        doubt[r, c] += (high - low) * g_full
-                        through[c] += (high - low) * max(g_full, g[i, c]) + g[i, c] * r_column[c] * e[r, c]
+                        doubt[r, c] += (high - low) * k.g_full
+                        through[c] += (high - low) * max(k.g_full, g[i, c]) + g[i, c] * r_column[c] * e[r, c]
                     continue
                 lift = lifts[i] + part[i] * node
                 for c in range(cols):
@@ -120,24 +142,14 @@ def _spread(
                 d[r, c] = (through[c] + g[r, c] * lost) / across if across > 0.0 else np.inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def currents_of(
-    codes,
-    zero_code,
-    full_code,
-    step,
-    start,
-    inv_range,
-    half,
-    step_part,
-    start_sigma,
-    v_bias,
-    g_max,
-    out,
-    down,
-    up,
-    most,
-):
+@_compiled
+def _constant(k, c, code):
+    """Return the part of an error in codes that is the same in every frame: gain and start."""
+    return COVERAGE_SIGMA * (k.start_sigma[c] + k.step_part[c] * abs(code - k.start[c]))
+
+
+@_compiled
+def currents_of(k, codes, out, down, up, most):
     """Currents in ampere [rows, cols] of the middles of codes, and how far they may lie below and above.
 
     `most` is the upper end where a code is no more than that of no current, and inf elsewhere: a counter does not run
@@ -147,221 +159,207 @@ def currents_of(
     for r in range(rows):
         for c in range(cols):
             code = codes[r, c]
-            middle = step[c] * (code - start[c])
-            constant = COVERAGE_SIGMA * (start_sigma[c] + step_part[c] * abs(code - start[c]))
-            width = step[c] * (half + constant)
+            middle = k.step[c] * (code - k.start[c])
+            width = k.step[c] * (k.half + _constant(k, c, code))
             # Compression stretches currents and errors; it is undone at the middle.
-            squeeze = max(1.0 - abs(middle) * inv_range[c], 1e-9)
+            squeeze = max(1.0 - abs(middle) * k.inv_range[c], 1e-9)
             out[r, c] = middle / squeeze
             down[r, c] = up[r, c] = width / (squeeze * squeeze)
-            most[r, c] = out[r, c] + up[r, c] if code <= zero_code[c] else np.inf
-            if code >= full_code[c]:
-                up[r, c] = max(up[r, c], v_bias * g_max - out[r, c])
+            most[r, c] = out[r, c] + up[r, c] if code <= k.zero_code[c] else np.inf
+            if code >= k.full_code[c]:
+                up[r, c] = max(up[r, c], k.v_bias * k.g_max - out[r, c])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _decode_frames(
-    codes,
-    dt_s,
-    chip,
-    network,
-    ends,
-    modes,
-    solved,
-    laws,
-    factor,
-    factor_part,
-    parts,
-    reference,
-    memory,
-    law,
-    work,
-    results,
-):
-    zero_code, full_code, step, start, inv_range, half, step_part, start_sigma, g_max, offset_v2 = chip
-    mode_network, mode_factor, mode_solved = modes
-    v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral = network
-    r_row_end, r_column_end, r_return = ends
-    which, logarithmic, knots, coefficients, g_open, force_on = laws
-    law_part, uncorrected = parts
-    z, past, moved, band, creep, loaded, frame, fresh, rate, rate_weight = memory
-    radius, weight, per_decade = law
-    current, ceiling, down, up, e_down, e_up, g, near_low, near_high, spread, other, scratch, through = work
-    force, low, high, flags = results
-    frames, rows, cols = codes.shape
-    u, taken, total = scratch[0, :, :cols], scratch[1, :, :cols], scratch[2, :, cols]
-    r_column_far, offset_a, moved_a = r_column + r_column_end, np.empty(cols), np.empty((rows, cols))
-    remembers = radius.size > 0 or per_decade != 0.0
-    full_row, full_column, doubt = np.empty(rows, np.bool_), np.empty(cols, np.bool_), np.empty((rows, cols))
-    g_full = (full_code * step).max() / v_bias
-    # Series resistance and traces tie a saturated taxel to its row, to its column, and with laterals to the next.
-    rows_tied = r_driven + r_row_end + r_column_far.max() > 0.0
-    # Along a trace a shorted row saturates its first taxels only, and ties the others to every column.
-    traced = r_row_end > 0.0 or r_column_end > 0.0
-    for n in range(frames):
-        currents_of(
-            codes[n], zero_code, full_code, step, start, inv_range, half, step_part, start_sigma, v_bias, g_max,
-            current, e_down, e_up, ceiling,
-        )  # fmt: skip
-        full_row[:], full_column[:] = False, False
+@_compiled
+def _mark_full(k, codes, g, full_row, full_column):
+    """Mark rows and columns with a saturated taxel or a short; return the current that their columns may hide."""
+    rows, cols = codes.shape
+    full_row[:], full_column[:] = False, False
+    for r in range(rows):
+        for c in range(cols):
+            # A short between weak drivers reads less than full scale; its solution tells.
+            if codes[r, c] >= k.full_code[c] or g[r, c] > k.g_max:
+                full_row[r] = full_column[c] = True
+    hidden = 0.0
+    for c in range(cols):
+        if full_column[c] and (k.r_column_far[c] > 0.0 or k.v_offset[c] != 0.0):
+            hidden += k.g_full * k.v_bias
+    return hidden
+
+
+@_compiled
+def _widen(k, current, ceiling, g, e_down, e_up, offset_a):
+    """Add to the errors of currents what clipped readings hide, and `offset_a` [cols] of the offset voltages."""
+    rows, cols = g.shape
+    for r in range(rows):
+        for c in range(cols):
+            if ceiling[r, c] < np.inf:
+                e_up[r, c] = max(e_up[r, c], ceiling[r, c] - current[r, c])
+    v2 = k.offset_v2
+    for c in range(cols):
+        # An offset voltage drives current through all taxels of its column, and to its neighbours.
+        before, after = k.g_lateral * (c > 0), k.g_lateral * (c + 1 < cols)
+        carried = before + after
+        for r in range(rows):
+            carried += min(g[r, c], k.g_max)
+        variance = carried**2 * v2[0, c]
+        if c > 0:
+            variance += before**2 * v2[0, c - 1] - 2.0 * before * carried * v2[1, c - 1]
+        if c + 1 < cols:
+            variance += after**2 * v2[0, c + 1] - 2.0 * after * carried * v2[1, c]
+        if 0 < c < cols - 1:
+            variance += 2.0 * before * after * v2[2, c - 1]
+        offset_a[c] = COVERAGE_SIGMA * np.sqrt(max(variance, 0.0))
+        for r in range(rows):
+            e_down[r, c] += offset_a[c]
+            e_up[r, c] += offset_a[c]
+
+
+@_compiled
+def _mode_variance(k, modes, solved_off, n, g, current, ceiling, u, taken, total, through, other, spread):
+    """Fill in the variance of conductances by the errors of the network, `modes`."""
+    networks, factors = modes
+    driven, ground, column, offset, leak, lateral = networks
+    rows, cols = g.shape
+    spread[:] = 0.0
+    for m in range(factors.shape[0]):
+        if solved_off.size:
+            other[:] = solved_off[m, n, 0]
+        else:
+            # A part of 1e-4 of the difference that counts: it is some per cent of the conductance.
+            moved = current.copy()
+            other[:] = g
+            crosstalk.known_voltages(moved, column[m], offset[m], leak[m], lateral[m], u, taken)
+            crosstalk.converge(
+                other, total, u, taken, k.v_bias, driven[m], ground[m], through, moved, ceiling, column[m],
+                lateral[m], 1e-6,
+            )  # fmt: skip
         for r in range(rows):
             for c in range(cols):
-                if codes[n, r, c] >= full_code[c]:
-                    full_row[r] = full_column[c] = True
-        good = True
+                spread[r, c] += (other[r, c] / (1.0 + factors[m, r, c]) - g[r, c]) ** 2
+
+
+@_compiled
+def _warmth(k, g, down, up):
+    """Return how much more than known the constant taxels conduct, as a factor, and its error."""
+    warm, part = 1.0, 0.0
+    for m in range(k.reference.shape[0]):
+        r, c = int(k.reference[m, 0]), int(k.reference[m, 1])
+        share = 1.0 / k.reference.shape[0]
+        warm += share * (g[r, c] / k.reference[m, 2] - 1.0)
+        part += share * max(up[r, c], down[r, c]) / k.reference[m, 2]
+    return max(warm, 1e-3), part
+
+
+@_compiled
+def _flags(k, codes, g, good, doubt, full_row, full_column, flags):
+    rows, cols = codes.shape
+    # Series resistance and traces tie a saturated taxel to its row, to its column, and with laterals to the next.
+    # Along a trace a shorted row saturates its first taxels only, and ties the others to every column.
+    rows_tied, everywhere = k.r_driven_far + k.r_column_far.max() > 0.0, k.traced and full_row.any()
+    for r in range(rows):
+        for c in range(cols):
+            bits = 0
+            if codes[r, c] <= k.zero_code[c]:
+                bits |= ZERO
+            if codes[r, c] >= k.full_code[c]:
+                bits |= SATURATED
+            near = (full_row[r] and rows_tied) or doubt[r, c] > 0.5 * k.step[c] or everywhere
+            if k.r_column_far[c] > 0.0 or k.v_offset[c] != 0.0:
+                near = near or full_column[c]
+                if k.g_lateral > 0.0:
+                    near = near or (c > 0 and full_column[c - 1]) or (c + 1 < cols and full_column[c + 1])
+            if near:
+                bits |= NEAR_SATURATED
+            if g[r, c] > crosstalk.SHORT_S:
+                bits |= SHORT
+            if not good:
+                bits |= UNSOLVED
+            flags[r, c] = bits
+
+
+@_compiled
+def _by_factor(k, codes, g, down, up, spread, offset_a, flags, force, low, high, near_low, near_high):
+    """Turn conductances with errors into those by the law: estimate, ends, and ends without constant errors."""
+    rows, cols = codes.shape
+    warm, warm_part = _warmth(k, g, down, up)
+    for r in range(rows):
+        for c in range(cols):
+            by_law = 1.0 / (k.factor[r, c] * warm)
+            part = COVERAGE_SIGMA * k.factor_part[r, c] + k.uncorrected + warm_part / warm
+            by_network = COVERAGE_SIGMA * np.sqrt(spread[r, c])
+            low[r, c] = max(g[r, c] - down[r, c] - by_network, 0.0) * by_law * max(1.0 - part, 0.0)
+            high[r, c] = (g[r, c] + up[r, c] + by_network) * by_law * (1.0 + part)
+            force[r, c] = g[r, c] * by_law
+            # Gain and offset are the same in every frame; quantisation and noise are not.
+            share = k.half / (k.half + _constant(k, c, codes[r, c]) + offset_a[c] / k.step[c])
+            near_low[r, c] = max(g[r, c] - share * down[r, c], 0.0) * by_law
+            near_high[r, c] = min(g[r, c] + share * up[r, c], 1e300) * by_law
+            if flags[r, c] & ZERO:
+                # A counter does not go below 0: offsets may hide any smaller current.
+                low[r, c] = near_low[r, c] = force[r, c] = 0.0
+
+
+@_compiled
+def _forces(k, flags, force, low, high):
+    """Turn conductances by the law and their ends into forces, in place."""
+    rows, cols = force.shape
+    part = COVERAGE_SIGMA * k.law_part
+    for r in range(rows):
+        for c in range(cols):
+            m = k.which[r, c]
+            at, pieces = k.knots[m], k.coefficients[m]
+            force[r, c] = force_of(force[r, c], k.logarithmic, at, pieces, k.g_open, k.force_on)
+            least = force_of(low[r, c], k.logarithmic, at, pieces, k.g_open, k.force_on)
+            most = force_of(high[r, c], k.logarithmic, at, pieces, k.g_open, k.force_on)
+            low[r, c], high[r, c] = least * (1.0 - part), most * (1.0 + part)
+            if flags[r, c] & (SATURATED | SHORT | UNSOLVED):
+                high[r, c] = np.inf
+            if flags[r, c] & UNSOLVED:
+                low[r, c] = 0.0
+
+
+@_compiled
+def _decode_frames(k, codes, dt_s, modes, solved, solved_off, memory, results):
+    """Decode codes [frames, rows, cols] into `results`; `solved` is empty where `solve_frame` can do the network."""
+    frames, rows, cols = codes.shape
+    z, past, moved, band, creep, loaded, frame, fresh, rate, rate_weight = memory
+    work, through, offset_a = np.empty((12, rows, cols)), np.empty(cols), np.empty(cols)
+    current, ceiling, down, up, e_down, e_up = work[0], work[1], work[2], work[3], work[4], work[5]
+    g, near_low, near_high, spread, other, doubt = work[6], work[7], work[8], work[9], work[10], work[11]
+    scratch = np.empty((3, rows, cols + 1))
+    u, taken, total = scratch[0, :, :cols], scratch[1, :, :cols], scratch[2, :, cols]
+    full_row, full_column = np.empty(rows, np.bool_), np.empty(cols, np.bool_)
+    for n in range(frames):
+        force, low, high, flags = results[0][n], results[1][n], results[2][n], results[3][n]
+        currents_of(k, codes[n], current, e_down, e_up, ceiling)
         if solved.size:
             g[:], current[:] = solved[n, 0], solved[n, 1]
             good = not np.isnan(g[0, 0])
-            crosstalk.known_voltages(current, r_column, v_offset, i_leak, g_lateral, u, taken)
+            crosstalk.known_voltages(current, k.r_column, k.v_offset, k.i_leak, k.g_lateral, u, taken)
             for r in range(rows):
                 total[r] = g[r].sum()
         else:
             good = 0 < crosstalk.solve_frame(
-                current,
-                ceiling,
-                v_bias,
-                r_driven,
-                g_ground,
-                r_column,
-                v_offset,
-                i_leak,
-                g_lateral,
-                g,
-                scratch,
-                through,
-            )
-        for r in range(rows):
-            for c in range(cols):
-                # A short between weak drivers reads less than full scale; its solution tells.
-                if g[r, c] > g_max:
-                    full_row[r] = full_column[c] = True
-        hidden = 0.0
-        for c in range(cols):
-            if full_column[c] and (r_column_far[c] > 0.0 or v_offset[c] != 0.0):
-                hidden += g_full * v_bias
-        for r in range(rows):
-            for c in range(cols):
-                if ceiling[r, c] < np.inf:
-                    e_up[r, c] = max(e_up[r, c], ceiling[r, c] - current[r, c])
-        for c in range(cols):
-            # An offset voltage drives current through all taxels of its column, and to its neighbours.
-            before, after = g_lateral * (c > 0), g_lateral * (c + 1 < cols)
-            carried = before + after
-            for r in range(rows):
-                carried += min(g[r, c], g_max)
-            variance = carried**2 * offset_v2[0, c]
-            if c > 0:
-                variance += before**2 * offset_v2[0, c - 1] - 2.0 * before * carried * offset_v2[1, c - 1]
-            if c + 1 < cols:
-                variance += after**2 * offset_v2[0, c + 1] - 2.0 * after * carried * offset_v2[1, c]
-            if 0 < c < cols - 1:
-                variance += 2.0 * before * after * offset_v2[2, c - 1]
-            offset_a[c] = COVERAGE_SIGMA * np.sqrt(max(variance, 0.0))
-            for r in range(rows):
-                e_down[r, c] += offset_a[c]
-                e_up[r, c] += offset_a[c]
-        _spread(
-            g,
-            down,
-            up,
-            e_down,
-            e_up,
-            u,
-            total,
-            full_row,
-            hidden,
-            g_full,
-            v_bias,
-            r_driven + r_row_end,
-            g_ground,
-            r_return,
-            r_column_far,
-            g_lateral,
-            through,
-            doubt,
-        )
-        spread[:] = 0.0
-        for k in range(mode_factor.shape[0]):
-            if solved.size:
-                other[:] = mode_solved[k, n, 0]
-            else:
-                # A part of 1e-4 of the difference that counts: it is some per cent of the conductance.
-                driven, ground, column, offset, leak, lateral = mode_network
-                other[:], moved_a[:] = g, current
-                crosstalk.known_voltages(moved_a, column[k], offset[k], leak[k], lateral[k], u, taken)
-                crosstalk.converge(
-                    other, total, u, taken, v_bias, driven[k], ground[k], through, moved_a, ceiling, column[k],
-                    lateral[k], 1e-6,
-                )  # fmt: skip
-            for r in range(rows):
-                for c in range(cols):
-                    spread[r, c] += (other[r, c] / (1.0 + mode_factor[k, r, c]) - g[r, c]) ** 2
-        warm, warm_part = 1.0, 0.0
-        for m in range(reference.shape[0]):
-            r, c = int(reference[m, 0]), int(reference[m, 1])
-            share = 1.0 / reference.shape[0]
-            warm += share * (g[r, c] / reference[m, 2] - 1.0)
-            warm_part += share * max(up[r, c], down[r, c]) / reference[m, 2]
-        warm = max(warm, 1e-3)
-        for r in range(rows):
-            for c in range(cols):
-                bits = 0
-                if codes[n, r, c] <= zero_code[c]:
-                    bits |= ZERO
-                if codes[n, r, c] >= full_code[c]:
-                    bits |= SATURATED
-                near = (
-                    (full_row[r] and rows_tied) or doubt[r, c] > 0.5 * step[c] or (traced and full_row.any())
-                )
-                if r_column_far[c] > 0.0 or v_offset[c] != 0.0:
-                    near = near or full_column[c]
-                    if g_lateral > 0.0:
-                        near = near or (c > 0 and full_column[c - 1]) or (c + 1 < cols and full_column[c + 1])
-                if near:
-                    bits |= NEAR_SATURATED
-                if g[r, c] > crosstalk.SHORT_S:
-                    bits |= SHORT
-                if not good:
-                    bits |= UNSOLVED
-                flags[n, r, c] = bits
-                by_law = 1.0 / (factor[r, c] * warm)
-                part = COVERAGE_SIGMA * factor_part[r, c] + uncorrected + warm_part / warm
-                by_network = COVERAGE_SIGMA * np.sqrt(spread[r, c])
-                low[n, r, c] = max(g[r, c] - down[r, c] - by_network, 0.0) * by_law * max(1.0 - part, 0.0)
-                high[n, r, c] = (g[r, c] + up[r, c] + by_network) * by_law * (1.0 + part)
-                force[n, r, c] = g[r, c] * by_law
-                # Gain and offset are the same in every frame; quantisation and noise are not.
-                constant = COVERAGE_SIGMA * (start_sigma[c] + step_part[c] * abs(codes[n, r, c] - start[c]))
-                share = half / (half + constant + offset_a[c] / step[c])
-                near_low[r, c] = max(g[r, c] - share * down[r, c], 0.0) * by_law
-                near_high[r, c] = min(g[r, c] + share * up[r, c], 1e300) * by_law
-                if bits & ZERO:
-                    # A counter does not go below 0: offsets may hide any smaller current.
-                    low[n, r, c] = near_low[r, c] = force[n, r, c] = 0.0
-        if remembers:
-            if per_decade != 0.0 and not fresh:
-                advance_creep(creep, loaded, rate, rate_weight, dt_s[n])
-            undo_frame(
-                low[n].reshape(-1), force[n].reshape(-1), high[n].reshape(-1), near_low.reshape(-1),
-                near_high.reshape(-1), z, past, moved, band, frame, creep, loaded, fresh, g_open, radius, weight,
-                per_decade,
+                current, ceiling, k.v_bias, k.r_driven, k.g_ground, k.r_column, k.v_offset, k.i_leak, k.g_lateral,
+                g, scratch, through,
             )  # fmt: skip
+        hidden = _mark_full(k, codes[n], g, full_row, full_column)
+        _widen(k, current, ceiling, g, e_down, e_up, offset_a)
+        _spread(k, g, e_down, e_up, u, total, full_row, hidden, down, up, through, doubt)
+        _mode_variance(k, modes, solved_off, n, g, current, ceiling, u, taken, total, through, other, spread)
+        _flags(k, codes[n], g, good, doubt, full_row, full_column, flags)
+        _by_factor(k, codes[n], g, down, up, spread, offset_a, flags, force, low, high, near_low, near_high)
+        if k.radius.size > 0 or k.per_decade != 0.0:
+            if k.per_decade != 0.0 and not fresh:
+                advance_creep(creep, loaded, rate, rate_weight, dt_s[n])
+            flat = low.reshape(-1), force.reshape(-1), high.reshape(-1)
+            near = near_low.reshape(-1), near_high.reshape(-1)
+            state, law = (z, past, moved, band, creep, loaded), (k.radius, k.weight, k.per_decade)
+            undo_frame(flat, near, state, frame, fresh, k.g_open, law)
             frame += 1
             fresh = False
-        for r in range(rows):
-            for c in range(cols):
-                bits = flags[n, r, c]
-                m = which[r, c]
-                at, pieces = knots[m], coefficients[m]
-                value = force_of(force[n, r, c], logarithmic, at, pieces, g_open, force_on)
-                least = force_of(low[n, r, c], logarithmic, at, pieces, g_open, force_on)
-                most = force_of(high[n, r, c], logarithmic, at, pieces, g_open, force_on)
-                part = COVERAGE_SIGMA * law_part
-                force[n, r, c], low[n, r, c], high[n, r, c] = value, least * (1.0 - part), most * (1.0 + part)
-                if bits & (SATURATED | SHORT | UNSOLVED):
-                    high[n, r, c] = np.inf
-                if bits & UNSOLVED:
-                    low[n, r, c] = 0.0
+        _forces(k, flags, force, low, high)
 
 
 def numbers(values: ArrayLike, name: str) -> Floats:
@@ -426,28 +424,31 @@ class Decoder:
     def __init__(self, calibration: Calibration, t_frame_s: float) -> None:
         self.calibration = cal = calibration
         self.t_frame_s = float(t_frame_s)
-        network = cal.array()
-        self._network = network
-        self._lumped = crosstalk.lumped(network)
-        chip = cal.step_a, cal.start_code, cal.inv_i_range_a, cal.half_width_code()
-        self._chip = (
-            cal.zero_code,
-            cal.full_code,
-            *chip,
-            cal.step_part,
-            cal.start_sigma_code,
-            float(cal.g_max_s),
-            cal.offset_v2,
-        )
+        self._network = network = cal.array()
         self._off = [cal.array(mode) for mode in cal.modes]
+        self._lumped = crosstalk.lumped(network)
+        v_bias_v, r_driven_ohm, *others = crosstalk.arguments(network)
+        row_end, column_end = cal.cols * network.r_trace_row_ohm, cal.rows * network.r_trace_column_ohm
+        self._known = _Known(
+            *(cal.zero_code, cal.full_code, cal.step_a, cal.start_code, cal.inv_i_range_a),
+            *(cal.step_part, cal.start_sigma_code, cal.offset_v2),
+            *(
+                cal.half_width_code(),
+                float(cal.g_max_s),
+                float((cal.full_code * cal.step_a).max() / v_bias_v),
+            ),
+            *(v_bias_v, r_driven_ohm, *others, float(r_driven_ohm + row_end), others[1] + column_end),
+            *(float(network.r_return_ohm), bool(row_end > 0 or column_end > 0)),
+            *(*_stacked(cal), cal.factor, cal.factor_part, float(cal.law_part), float(cal.uncorrected_part)),
+            np.array(cal.reference, dtype=float).reshape(-1, 3),
+            *(cal.memory.radius, cal.memory.weight, float(cal.memory.creep_per_decade)),
+        )
         places = [crosstalk.arguments(one)[1:] for one in self._off] or [crosstalk.arguments(network)[1:]]
         self._modes = (
             tuple(np.array(column, dtype=float) for column in zip(*places, strict=True)),
             np.array([mode.factor_part for mode in cal.modes]).reshape(-1, cal.rows, cal.cols),
         )
-        self._laws = _stacked(cal)
-        self._reference = np.array(cal.reference, dtype=float).reshape(-1, 3)
-        self._local, self._lock = threading.local(), threading.Lock()
+        self._lock = threading.Lock()
         self.reset()
 
     def reset(self) -> None:
@@ -476,11 +477,8 @@ class Decoder:
         """
         cal = self.calibration
         codes = np.asarray(codes)
-        if (
-            codes.dtype.kind not in "iu"
-            or codes.ndim not in (2, 3)
-            or codes.shape[-2:] != (cal.rows, cal.cols)
-        ):
+        fits = codes.ndim in (2, 3) and codes.shape[-2:] == (cal.rows, cal.cols)
+        if not fits or codes.dtype.kind not in "iu":
             raise ValueError(f"codes must be integers [frames, {cal.rows}, {cal.cols}]")
         if codes.size and not (0 <= codes.min() and codes.max() <= cal.code_max):
             raise ValueError(f"codes must be 0..{cal.code_max}")
@@ -491,49 +489,20 @@ class Decoder:
         for name in ("force_n", "low_n", "high_n", "flags"):
             check_out(getattr(out, name), codes.shape, np.uint8 if name == "flags" else float, f"out.{name}")
         results = tuple(a.reshape(frames.shape) for a in (out.force_n, out.low_n, out.high_n, out.flags))
-        if cal.memory.active:
-            with self._lock:
-                self._run(frames, dt_s, results)
-        else:
+        with self._lock if cal.memory.active else contextlib.nullcontext():
             self._run(frames, dt_s, results)
         return out
 
     def _run(self, frames: NDArray, dt_s: Floats, results: tuple) -> None:
-        cal, memory = self.calibration, self.memory
-        solved = np.empty((0, 2, cal.rows, cal.cols))
-        solved_off = np.empty((0, 0, 2, cal.rows, cal.cols))
-        work = getattr(self._local, "work", None)
-        if work is None:
-            shape = cal.rows, cal.cols
-            work = tuple(np.empty(shape) for _ in range(11))
-            work = self._local.work = (*work, np.empty((3, cal.rows, cal.cols + 1)), np.empty(cal.cols))
+        shape = self.calibration.rows, self.calibration.cols
+        solved, solved_off = np.empty((0, 2, *shape)), np.empty((0, 0, 2, *shape))
         if not self._lumped:
             solved = self.conductances(frames, self._network)
             if self._off:
                 solved_off = np.array([self.conductances(frames, network) for network in self._off])
-        _decode_frames(
-            frames,
-            dt_s,
-            self._chip,
-            crosstalk.arguments(self._network),
-            (
-                float(cal.cols * self._network.r_trace_row_ohm),
-                float(cal.rows * self._network.r_trace_column_ohm),
-                float(self._network.r_return_ohm),
-            ),
-            (*self._modes, solved_off),
-            solved,
-            self._laws,
-            cal.factor,
-            cal.factor_part,
-            (float(cal.law_part), float(cal.uncorrected_part)),
-            self._reference,
-            memory.arrays(),
-            (cal.memory.radius, cal.memory.weight, float(cal.memory.creep_per_decade)),
-            work,
-            results,
-        )
-        memory.passed(len(frames))
+        state = self.memory.arrays()
+        _decode_frames(self._known, frames, dt_s, self._modes, solved, solved_off, state, results)
+        self.memory.passed(len(frames))
 
     def conductances(self, codes: NDArray, network: Network) -> Floats:
         """Solve codes [frames, rows, cols] by `crosstalk.solve`.
@@ -544,11 +513,10 @@ class Decoder:
             [frames, 2, rows, cols]: conductances in siemens, NaN where the solution did not converge; and currents
             in ampere.
         """
-        cal, chip = self.calibration, self._chip
-        down, up = np.empty((2, cal.rows, cal.cols))
+        down, up = np.empty((2, *codes.shape[1:]))
         currents, most = np.empty((2, *codes.shape))
         for n, frame in enumerate(codes):
-            currents_of(frame, *chip[:8], cal.v_bias_v, chip[8], currents[n], down, up, most[n])
+            currents_of(self._known, frame, currents[n], down, up, most[n])
         found = crosstalk.solve(network, currents, most)
         g = np.where(found.converged[:, None, None], found.conductance_s, np.nan)
         return np.stack([g, found.current_a], axis=1)

@@ -74,43 +74,26 @@ def _value(x, z, radius, weight):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _highest(y, z, radius, weight):
-    """Highest x whose value is y; the value rises with x along straight pieces."""
-    best, at, first = -np.inf, 0.0, np.inf
+def _end(y, z, radius, weight, side):
+    """Highest (side 1) or lowest (side -1) x whose value is y; the value rises with x along straight pieces."""
+    best, at, last = -side * np.inf, 0.0, side * np.inf
     for k in range(radius.size):
-        for side in (-1.0, 1.0):
-            b = z[k] + side * radius[k]
+        for edge in (-1.0, 1.0):
+            b = z[k] + edge * radius[k]
             value = _value(b, z, radius, weight)
-            first = min(first, b)
-            if value <= y and b > best:
+            if side * (b - last) < 0.0:
+                last = b
+            if side * (y - value) >= 0.0 and side * (b - best) > 0.0:
                 best, at = b, value
-    if best == -np.inf:
-        return first - (_value(first, z, radius, weight) - y)
-    slope = 0.0
-    for k in range(radius.size):
-        if best < z[k] - radius[k] or best >= z[k] + radius[k]:
-            slope += weight[k]
-    return best + (y - at) / max(slope, 1e-6)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _lowest(y, z, radius, weight):
-    """Lowest x whose value is y."""
-    best, at, last = np.inf, 0.0, -np.inf
-    for k in range(radius.size):
-        for side in (-1.0, 1.0):
-            b = z[k] + side * radius[k]
-            value = _value(b, z, radius, weight)
-            last = max(last, b)
-            if value >= y and b < best:
-                best, at = b, value
-    if best == np.inf:
+    if np.isinf(best):
         return last + (y - _value(last, z, radius, weight))
     slope = 0.0
     for k in range(radius.size):
-        if best <= z[k] - radius[k] or best > z[k] + radius[k]:
+        below, above = z[k] - radius[k], z[k] + radius[k]
+        # The piece that goes on to that side.
+        if best < below or best > above or best == (above if side > 0.0 else below):
             slope += weight[k]
-    return best - (at - y) / max(slope, 1e-6)
+    return best + (y - at) / max(slope, 1e-6)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -153,33 +136,20 @@ def apply_frame(g, out, z, creep, loaded, fresh, radius, weight, per_decade):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def undo_frame(
-    low,
-    g,
-    high,
-    near_low,
-    near_high,
-    z,
-    past,
-    moved,
-    band,
-    frame,
-    creep,
-    loaded,
-    fresh,
-    g_open,
-    radius,
-    weight,
-    per_decade,
-):
+def undo_frame(ends, near, state, frame, fresh, g_open, law):
     """Turn conductances of the sheet [taxels] and their ends into those by the law, in place.
 
-    `near_low` and `near_high` [taxels] are the ends for the errors that change from frame to frame, quantisation and
-    noise: they decide if a taxel has moved. They are scratch afterwards.
+    `ends` are the low end, the estimate and the high end, `near` the ends for the errors that change from frame to
+    frame, quantisation and noise: they decide if a taxel has moved. They are scratch afterwards.
 
-    `past` [taxels, HISTORY] holds the last estimates, `moved` [taxels, 2] the frame of the last movement and the
-    frames between the last two, `band` [taxels, 2] the values that explain all readings since.
+    `state` is that of `SheetMemory.arrays`: `past` [taxels, HISTORY] holds the last estimates, `moved` [taxels, 2] the
+    frame of the last movement and the frames between the last two, `band` [taxels, 2] the values that explain all
+    readings since.
     """
+    low, g, high = ends
+    near_low, near_high = near
+    z, past, moved, band, creep, loaded = state
+    radius, weight, per_decade = law
     for t in range(g.size):
         if per_decade:
             factor = 1.0 / (1.0 + per_decade * creep[t].sum())
@@ -198,8 +168,8 @@ def undo_frame(
                 moved[t, 0], moved[t, 1] = frame, 1
                 band[t, 0], band[t, 1] = b_low, b_high
             # Two sheets that started lower and higher stay lower and higher: play operators keep the order.
-            x_low = _lowest(y_low, z[2, t], radius, weight)
-            x_high = _highest(y_high, z[1, t], radius, weight)
+            x_low = _end(y_low, z[2, t], radius, weight, -1.0)
+            x_high = _end(y_high, z[1, t], radius, weight, 1.0)
             last = moved[t, 0]
             still = frame - last
             x = past[t, last % HISTORY]
@@ -219,9 +189,9 @@ def undo_frame(
             else:
                 # The states that are certain to be behind the movement put the taxel on a steep piece.
                 if b_low + b_high > band[t, 0] + band[t, 1]:
-                    x = _highest(y, z[1, t], radius, weight)
+                    x = _end(y, z[1, t], radius, weight, 1.0)
                 else:
-                    x = _lowest(y, z[2, t], radius, weight)
+                    x = _end(y, z[2, t], radius, weight, -1.0)
                 moved[t, 0], moved[t, 1] = frame, min(still, HISTORY)
                 band[t, 0], band[t, 1] = b_low, b_high
             x = min(max(x, x_low), x_high)
@@ -238,6 +208,9 @@ def undo_frame(
             if high[t] < np.inf:
                 high[t] = np.exp(x_high) if x_high > LOG_OPEN + 1.0 else high[t]
         loaded[t] = g[t] > g_open
+
+
+_STATE = ("z", "past", "moved", "band", "creep", "loaded", "frame", "fresh")
 
 
 class SheetMemory:
@@ -293,19 +266,9 @@ class SheetMemory:
         is a force that goes back as it came, and then one that rests where it was last seen to move.
         """
         self._step(dt_s)
-        memory = (
-            self._z,
-            self._past,
-            self._moved,
-            self._band,
-            self._frame,
-            self._creep,
-            self._loaded,
-            self._fresh,
-        )
-        law = self.law
-        parameters = self._g_open_s, law.radius, law.weight, law.creep_per_decade
-        undo_frame(low_s, conductance_s, high_s, low_s.copy(), high_s.copy(), *memory, *parameters)
+        state, law = self.arrays()[:6], (self.law.radius, self.law.weight, self.law.creep_per_decade)
+        ends, near = (low_s, conductance_s, high_s), (low_s.copy(), high_s.copy())
+        undo_frame(ends, near, state, self._frame, self._fresh, self._g_open_s, law)
         self._fresh = False
         self._frame += 1
 
@@ -342,22 +305,12 @@ class SheetMemory:
             if not same or (name == "law" and (given[name] != mine).any()):
                 allowed = "the state of the same sheet and calibration"
                 raise InputError(path, name, f"of shape {given[name].shape}", allowed)
-        self._z, self._past = given["z"], given["past"]
-        self._moved, self._band = given["moved"], given["band"]
-        self._creep, self._loaded = given["creep"], given["loaded"]
+        for name in _STATE:
+            setattr(self, f"_{name}", given[name])
         self._fresh, self._frame = bool(given["fresh"]), int(given["frame"])
 
     def _state(self) -> dict[str, NDArray]:
         law = self.law
-        said = [*law.radius, *law.weight, law.creep_per_decade, law.creep_start_s]
-        return {
-            "law": np.array(said),
-            "z": self._z,
-            "past": self._past,
-            "moved": self._moved,
-            "band": self._band,
-            "frame": np.array(self._frame),
-            "creep": self._creep,
-            "loaded": self._loaded,
-            "fresh": np.array(self._fresh),
-        }
+        state = {name: getattr(self, f"_{name}") for name in _STATE}
+        said = np.array([*law.radius, *law.weight, law.creep_per_decade, law.creep_start_s])
+        return {"law": said} | {name: np.asarray(value) for name, value in state.items()}
