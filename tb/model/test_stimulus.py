@@ -9,6 +9,8 @@ import struct
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -319,6 +321,21 @@ def test_csv_with_a_frame_a_line_and_with_a_row_a_line_read_the_same(write_scene
     assert a.shape == (2, 2, 3)
     assert (a == b).all()
     assert a[0].ravel() == pytest.approx(15.0 * np.array([0, 1, 2, 3, 4, 255]) / 255)
+
+
+def test_numbers_of_a_csv_are_those_of_float() -> None:
+    rng = np.random.default_rng(17)
+    doubles = rng.integers(0, 2**63 - 2**52, 3000, dtype=np.uint64).view(float)
+    cells = [
+        f"{value:.{digits}e}" for value, digits in zip(doubles, rng.integers(25, size=3000), strict=True)
+    ]
+    cells += ["0", "-0.0", " 8 ", "-inf", "9007199254740993", "1e400", "5e-324", "9" * 400, "+1", ".5", "nan"]
+    lines = rng.choice(cells, (300, 7)).tolist()
+    text = "\n".join(",".join(line) for line in lines).encode()
+    exact = np.array([[float(cell) for cell in line] for line in lines])
+    about: Any = SimpleNamespace(rows=1, cols=7)
+    for read in (stimulus._read_csv(text, "", about)[:, 0], stimulus._read_lines(text, "", 1, 7)):
+        assert read.tobytes() == exact.tobytes()
 
 
 def test_npy_npz_and_csv_read_the_same(write_scene: Write) -> None:

@@ -14,8 +14,10 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 from tomli_w import dumps
 
+from dermis import effects
 from dermis.array.array import Network
 from dermis.converter.vfc import W_PRESET, code
+from dermis.decode.crosstalk import CARRIED, CORRECTED
 from dermis.decode.law import KINDS, Curve, of_sensor
 from dermis.decode.memory import MemoryLaw
 from dermis.errors import InputError
@@ -45,20 +47,7 @@ _PER_COLUMN = (
     "zero_code",
     "full_code",
 )
-_NETWORK = (
-    "r_row_driven_ohm",
-    "r_row_grounded_ohm",
-    "r_column_ohm",
-    "v_column_offset_v",
-    "i_leak_a",
-    "g_lateral_row_s",
-    "g_lateral_column_s",
-    "r_trace_row_ohm",
-    "r_trace_column_ohm",
-    "r_return_ohm",
-    "r_pad_row_ohm",
-    "r_pad_column_ohm",
-)
+_NETWORK = CARRIED | CORRECTED
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +164,7 @@ class Calibration:
             "packet": packet,
             "threshold": c.v_comp_offset_v / packet_v,
         }
-        state = SensorState(**_sensor_fields(plan))
+        state = SensorState(**effects.gather(plan.scene.effects, setting_of(plan.scene)).sensor)
         factor = np.full((plan.rows, plan.cols), 1.0 + state.temperature_error)
         if state.spread:
             draw = setting_of(plan.scene).rng("sensor_spread").standard_normal(factor.shape)
@@ -267,12 +256,6 @@ def _plain(values: dict[str, Any]) -> dict[str, Any]:
     return {name: np.asarray(value, dtype=float).tolist() for name, value in values.items()}
 
 
-def _sensor_fields(plan: Plan) -> dict[str, float]:
-    from dermis import effects
-
-    return dict(effects.gather(plan.scene.effects, setting_of(plan.scene)).sensor)
-
-
 def load(path: Path | str) -> Calibration:
     """Read a calibration.
 
@@ -288,130 +271,120 @@ def load(path: Path | str) -> Calibration:
         raise InputError(path, "file", str(error), "a calibration that `dermis calibrate` wrote") from None
     if data.get("format") != FORMAT:
         raise InputError(path, "format", data.get("format"), f"{FORMAT}, a calibration of this version")
-    table = _Reader(path, data)
-    rows, cols = table.whole("array", "rows"), table.whole("array", "cols")
-    if isinstance(chip := data.get("chip"), dict):
-        # Of a calibration of an earlier version.
-        chip.setdefault("zero_code", [0.0] * cols)
-        chip.setdefault("full_code", [float(table.whole("chip", "code_max"))] * cols)
-    numbers = {name: table.numbers("chip", name, (cols,)) for name in _PER_COLUMN}
-    if not (numbers["step_a"] > 0).all():
-        raise InputError(path, "chip.step_a", numbers["step_a"].min(), "numbers > 0")
-    network = table.network("network", cols)
-    modes = []
-    for n, entry in enumerate(data.get("mode", [])):
-        one = _Reader(path, {f"mode.{n}": entry, f"mode.{n}.network": entry.get("network", {})})
-        part = one.numbers(f"mode.{n}", "factor_part", (rows, cols))
-        modes.append(Mode(one.network(f"mode.{n}.network", cols), part))
-    knots = table.numbers("sheet", "knots", None)
+
+    def each(name: str) -> list[_Table]:
+        return [_Table(path, f"{name}.{n}", one) for n, one in enumerate(data.get(name, []))]
+
+    array, chip, sheet, memory = (_Table(path, n, data.get(n)) for n in ("array", "chip", "sheet", "memory"))
+    rows, cols, code_max = array.whole("rows"), array.whole("cols"), chip.whole("code_max")
+    taxels, radius = (rows, cols), memory.numbers("radius", None)
+    # The first versions had no codes of none and of full scale, and no uncertainty of offsets.
+    chip = _Table(path, "chip", {"zero_code": [0.0] * cols, "full_code": [code_max] * cols} | chip.data)
+    offsets = _Table(
+        path, "uncertainty", data.get("uncertainty", {"offset_v2": np.zeros((3, cols)).tolist()})
+    )
     curve = Curve(
-        table.value("sheet", "kind", str),
-        table.value("sheet", "logarithmic", bool),
-        knots,
-        table.numbers("sheet", "coefficients", (knots.size, 4)),
-        table.number("sheet", "g_open_s"),
-        table.number("sheet", "force_on_n"),
+        kind=sheet.value("kind", str),
+        logarithmic=sheet.value("logarithmic", bool),
+        g_open_s=sheet.number("g_open_s"),
+        force_on_n=sheet.number("force_on_n"),
+        **sheet.pieces(),
     )
     if curve.kind not in KINDS:
         raise InputError(path, "sheet.kind", curve.kind, "one of " + ", ".join(KINDS))
-    factor = table.numbers("sheet", "factor", (rows, cols))
-    if not (factor > 0).all():
-        raise InputError(path, "sheet.factor", factor.min(), "numbers > 0")
-    radius = table.numbers("memory", "radius", None)
-    memory = MemoryLaw(
-        radius,
-        table.numbers("memory", "weight", (radius.size,)),
-        table.number("memory", "creep_per_decade"),
-        table.number("memory", "creep_start_s"),
-    )
-    own = {}
-    for n, entry in enumerate(data.get("own_law", [])):
-        one = _Reader(path, {f"own_law.{n}": entry})
-        own_knots = one.numbers(f"own_law.{n}", "knots", None)
-        pieces = one.numbers(f"own_law.{n}", "coefficients", (own_knots.size, 4))
-        own[one.place(f"own_law.{n}", rows, cols)] = replace(curve, knots=own_knots, coefficients=pieces)
-    reference = []
-    for n, entry in enumerate(data.get("reference", [])):
-        one = _Reader(path, {f"reference.{n}": entry})
-        reference.append(
-            (*one.place(f"reference.{n}", rows, cols), one.number(f"reference.{n}", "conductance_s"))
-        )
     made = Calibration(
         rows=rows,
         cols=cols,
-        code_max=table.whole("chip", "code_max"),
-        v_bias_v=table.number("chip", "v_bias_v"),
-        network=network,
+        code_max=code_max,
+        v_bias_v=chip.number("v_bias_v"),
+        network=_Table(path, "network", data.get("network", {})).network(cols),
         curve=curve,
-        factor=factor,
-        memory=memory,
-        g_max_s=table.number("array", "g_max_s"),
-        own=own,
-        reference=tuple(reference),
-        noise_code=table.number("chip", "noise_code"),
-        factor_part=table.numbers("sheet", "factor_part", (rows, cols)),
-        law_part=table.number("sheet", "law_part"),
-        uncorrected_part=table.number("sheet", "uncorrected_part"),
-        modes=tuple(modes),
-        offset_v2=table.numbers("uncertainty", "offset_v2", (3, cols)) if "uncertainty" in data else 0.0,
+        factor=sheet.numbers("factor", taxels, positive=True),
+        memory=MemoryLaw(
+            radius,
+            memory.numbers("weight", (radius.size,)),
+            memory.number("creep_per_decade"),
+            memory.number("creep_start_s"),
+        ),
+        g_max_s=array.number("g_max_s"),
+        own={one.place(rows, cols): replace(curve, **one.pieces()) for one in each("own_law")},
+        reference=tuple((*t.place(rows, cols), t.number("conductance_s")) for t in each("reference")),
+        noise_code=chip.number("noise_code"),
+        factor_part=sheet.numbers("factor_part", taxels),
+        law_part=sheet.number("law_part"),
+        uncorrected_part=sheet.number("uncorrected_part"),
+        modes=tuple(
+            Mode(t.inner("network").network(cols), t.numbers("factor_part", taxels)) for t in each("mode")
+        ),
+        offset_v2=offsets.numbers("offset_v2", (3, cols)),
         notes=tuple(data.get("notes", ())),
-        **numbers,
+        **{name: chip.numbers(name, (cols,), positive=name == "step_a") for name in _PER_COLUMN},
     )
     try:
-        for mode in (None, *modes):
+        for mode in (None, *made.modes):
             made.array(mode)
     except ValueError as error:
         raise InputError(path, "network", "its values", str(error)) from None
     return made
 
 
-@dataclass(frozen=True)
-class _Reader:
-    path: Path
-    data: dict[str, Any]
+class _Table:
+    """A table of the file; an error names its key."""
 
-    def value(self, section: str, key: str, kind: type | tuple[type, ...]) -> Any:
-        found = self.data.get(section, {}).get(key) if isinstance(self.data.get(section, {}), dict) else None
+    def __init__(self, path: Path, name: str, data: Any) -> None:
+        self.path, self.name = path, name
+        self.data: dict[str, Any] = data if isinstance(data, dict) else {}
+
+    def _wrong(self, key: str, value: Any, allowed: str) -> InputError:
+        return InputError(self.path, f"{self.name}.{key}", value, allowed)
+
+    def value(self, key: str, kind: type | tuple[type, ...]) -> Any:
+        found = self.data.get(key)
         if not isinstance(found, kind) or (isinstance(found, bool) and kind is not bool):
-            raise InputError(self.path, f"{section}.{key}", found, "the value that `dermis calibrate` wrote")
+            raise self._wrong(key, found, "the value that `dermis calibrate` wrote")
         return found
 
-    def whole(self, section: str, key: str) -> int:
-        found = self.value(section, key, int)
+    def whole(self, key: str) -> int:
+        found = self.value(key, int)
         if not 1 <= found <= 1 << 16:
-            raise InputError(self.path, f"{section}.{key}", found, "a whole number 1..65536")
+            raise self._wrong(key, found, "a whole number 1..65536")
         return found
 
-    def place(self, section: str, rows: int, cols: int) -> tuple[int, int]:
-        found = self.value(section, "row", int), self.value(section, "col", int)
+    def place(self, rows: int, cols: int) -> tuple[int, int]:
+        found = self.value("row", int), self.value("col", int)
         if not (0 <= found[0] < rows and 0 <= found[1] < cols):
-            raise InputError(self.path, section, f"taxel {found}", f"a taxel of {rows} x {cols}")
+            raise InputError(self.path, self.name, f"taxel {found}", f"a taxel of {rows} x {cols}")
         return found
 
-    def network(self, section: str, cols: int) -> dict[str, Any]:
-        given = self.data.get(section, {})
-        for name in given:
-            if name not in _NETWORK:
-                raise InputError(self.path, f"{section}.{name}", "a key", "one of " + ", ".join(_NETWORK))
+    def inner(self, key: str) -> _Table:
+        return _Table(self.path, f"{self.name}.{key}", self.data.get(key))
+
+    def network(self, cols: int) -> dict[str, Any]:
+        if unknown := self.data.keys() - _NETWORK:
+            raise self._wrong(min(unknown), "a key", "one of " + ", ".join(sorted(_NETWORK)))
         return {
-            name: self.numbers(section, name, ((), (cols,)), finite=name != "r_row_grounded_ohm")[()]
-            for name in given
+            name: self.numbers(name, (), (cols,), finite=name != "r_row_grounded_ohm")[()]
+            for name in self.data
         }
 
-    def number(self, section: str, key: str) -> float:
-        return float(self.numbers(section, key, ()))
+    def pieces(self) -> dict[str, Floats]:
+        knots = self.numbers("knots", None)
+        return {"knots": knots, "coefficients": self.numbers("coefficients", (knots.size, 4))}
 
-    def numbers(self, section: str, key: str, shape: Any, finite: bool = True) -> Floats:
-        found = self.value(section, key, (int, float, list))
+    def number(self, key: str) -> float:
+        return float(self.numbers(key, ()))
+
+    def numbers(self, key: str, *shapes: Any, finite: bool = True, positive: bool = False) -> Floats:
+        """Return an array of one of some shapes; None is any length."""
+        found = self.value(key, (int, float, list))
         try:
             array = np.asarray(found, dtype=float)
         except (ValueError, TypeError):
-            raise InputError(self.path, f"{section}.{key}", found, "numbers in equal rows") from None
-        shapes = [shape] if not shape or not isinstance(shape[0], tuple) else list(shape)
-        if shape is None:
-            shapes = [array.shape] if array.ndim == 1 else []
-        if array.shape not in shapes:
-            raise InputError(self.path, f"{section}.{key}", f"shape {list(array.shape)}", f"shape {shapes}")
+            raise self._wrong(key, found, "numbers in equal rows") from None
+        if array.shape not in shapes and not (shapes == (None,) and array.ndim == 1):
+            raise self._wrong(key, f"shape {list(array.shape)}", f"shape {list(shapes)}")
         if np.isnan(array).any() or (finite and not np.isfinite(array).all()):
-            raise InputError(self.path, f"{section}.{key}", "not a number", "finite numbers")
+            raise self._wrong(key, "not a number", "finite numbers")
+        if positive and not (array > 0).all():
+            raise self._wrong(key, array.min(), "numbers > 0")
         return array

@@ -311,7 +311,7 @@ def solve(network: Network, currents_a: ArrayLike, most_a: Floats | None = None)
     clipped = most < np.inf if most.size else np.zeros(currents.shape, dtype=bool)
     if lumped(network):
         return _lumped(network, currents, most)
-    around = dataclasses.replace(network, r_trace_row_ohm=0.0, r_trace_column_ohm=0.0, r_return_ohm=0.0)
+    around = dataclasses.replace(network, **dict.fromkeys(CORRECTED, 0.0))
     if not lumped(around):
         raise ValueError(f"no inverse for {', '.join(sorted(around.active_fields() - CARRIED))}")
     size = np.maximum(np.abs(currents).max(axis=(1, 2), initial=0.0), 1e-300)
@@ -370,6 +370,8 @@ CARRIED = frozenset(
     }
 )
 """Fields of Network that `arguments` hands to the compiled solves."""
+CORRECTED = frozenset({"r_trace_row_ohm", "r_trace_column_ohm", "r_return_ohm"})
+"""Fields of Network that `solve` corrects for; it refuses any other."""
 
 
 def lumped(network: Network) -> bool:
@@ -393,23 +395,3 @@ def _lumped(network: Network, currents: Floats, most: Floats) -> Solved:
     sweeps = np.empty(frames, dtype=np.int64)
     _solve_frames(currents, most, *arguments(network), out, error, residual, sweeps)
     return Solved(out, error, residual, sweeps > 0, np.abs(sweeps), currents)
-
-
-def solve_by_newton(network: Network, current_a: Floats, steps: int = 30) -> Floats:
-    """Solve one frame [rows, cols] by Newton's method on the whole array, the slow and obvious reference.
-
-    The derivative of every current by every conductance is taken by differences of the forward solve.
-    """
-    rows, cols = current_a.shape
-    g = np.maximum(current_a, 0.0) / network.v_bias_v
-    for _ in range(steps):
-        step = np.maximum(1e-7 * g, 1e-12)
-        moved = g + step.ravel()[:, None, None] * np.eye(g.size).reshape(-1, rows, cols)
-        made = column_currents(network, np.concatenate([g[None], moved]))
-        slope = ((made[1:] - made[0]) / step.ravel()[:, None, None]).reshape(g.size, -1).T
-        change = np.linalg.solve(slope, (current_a - made[0]).ravel()).reshape(rows, cols)
-        g = np.maximum(g + change, 0.0)
-        # Newton has converged to the rounding of the solve, some 50 units in the last place.
-        if np.abs(change).max() <= 1e-14 * g.max():
-            break
-    return g

@@ -31,9 +31,7 @@ class Setting:
     k: float
     c_int_f: float  # of the integrator, k times larger where nothing divides the current
     design: Design
-    rng: Callable[
-        [str], np.random.Generator
-    ]  # by effect name: adding an effect moves no other effect's numbers
+    rng: Callable[[str], np.random.Generator]  # by effect: one more moves no other effect's numbers
 
     @classmethod
     def of(cls, table: Any, design: Design, rng: Callable[[str], np.random.Generator]) -> Setting:

@@ -386,10 +386,13 @@ class Design(Strict):
 
         ``model_copy(update=...)`` would neither check nor derive anew.
         """
+        return self._with(sections)
+
+    def _with(self, sections: Mapping[str, Any]) -> Design:
         data = self.model_dump()
-        for section, values in sections.items():
-            data.setdefault(section, {})
-            data[section] |= values
+        for name, values in sections.items():
+            both = isinstance(values, Mapping) and isinstance(data.get(name), Mapping)
+            data[name] = {**data[name], **values} if both else values
         return _validated(data, "design")
 
     def stored(self) -> dict[str, Any]:
@@ -487,11 +490,7 @@ def changed(tables: Mapping[str, Any]) -> Design:
     InputError
         One line with key, value and what is allowed.
     """
-    data = read_toml(DESIGN_FILE)
-    for name, values in tables.items():
-        both = isinstance(values, Mapping) and isinstance(data.get(name), Mapping)
-        data[name] = {**data[name], **values} if both else values
-    return _validated(data, "design")
+    return load()._with(tables)
 
 
 class Reason(NamedTuple):

@@ -7,7 +7,7 @@ import array as arrays
 import io
 import math
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -15,7 +15,6 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
-from pydantic_core import from_json
 
 from dermis.errors import InputError, one_line, quoted
 from dermis.scene.schema import Strict, entry, read_bytes
@@ -79,7 +78,6 @@ Seconds = Annotated[float, Field(ge=1e-9, le=1e9)]
 _FORCE = "a finite number >= 0, or a list of them, one a frame"
 _TAPS = "a finite number >= 0, or a list of them, one a tap"
 _POINTS = "a list of at least 2 finite numbers >= 0"
-_SHAPES = 'one of "flat", "triangular", "cylindrical", "spherical", "round"'
 _PROFILES = (
     "flat 1; triangular 1 - |t|; cylindrical sqrt(1 - t^2); these three on the rectangle width x length; "
     "spherical sqrt(1 - t^2 - s^2) and round 1 on the ellipse in it; t and s run from -1 to 1 across width and length"
@@ -92,7 +90,6 @@ class _Timed(Strict):
     t_frame_s: Seconds | None = entry(
         None,
         "Time from one of its frames to the next, in s",
-        "a finite number from 1e-9 to 1e9",
         default_from="the frame time of the chip, rows * timing.slot_s",
     )
     resample: Literal["none", "hold", "linear"] = entry(
@@ -566,25 +563,26 @@ def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> 
 
 def read_frames(table: _Stored, about: Surroundings) -> Floats:
     """Return the frames of a table's file, [frames, rows, cols], checked."""
-    shown = table.file
     if table._given is not None:
-        values = _shaped(np.asarray(table._given.values), shown, about)
-        _check_values(values, shown, table)
-        return values[_selected(table, values.shape[0], about)] + 0.0
-    path = about.scene.parent / table.file
-    told_by = (about.scene, f"{about.where}.file", table.file)
-    suffix = Path(table.file).suffix.lower()
-    if table.key is not None and suffix != ".npz":
-        raise about.wrong("key", quoted(table.key), "left out, except for an npz file")
-    if suffix == ".csv":
-        values = _read_csv(read_bytes(path, FILE_BYTES_MAX, told_by), shown, about)
-    elif suffix in (".npy", ".npz"):
-        values = _read_numpy(read_bytes(path, FILE_BYTES_MAX, told_by), shown, suffix, table, about)
+        values = _shaped(np.asarray(table._given.values), table.file, about)
     else:
-        raise about.wrong("file", quoted(table.file), "a file that ends in .csv, .npy or .npz")
-    _check_values(values, shown, table)
+        values = _read_file(table, about)
+    _check_values(values, table.file, table)
     # -0.0 becomes 0.0: 1 / -0.0 would be -inf.
     return values[_selected(table, values.shape[0], about)] + 0.0
+
+
+def _read_file(table: _Stored, about: Surroundings) -> Floats:
+    shown, suffix = table.file, Path(table.file).suffix.lower()
+    if table.key is not None and suffix != ".npz":
+        raise about.wrong("key", quoted(table.key), "left out, except for an npz file")
+    if suffix not in (".csv", ".npy", ".npz"):
+        raise about.wrong("file", quoted(shown), "a file that ends in .csv, .npy or .npz")
+    told_by = (about.scene, f"{about.where}.file", shown)
+    data = read_bytes(about.scene.parent / shown, FILE_BYTES_MAX, told_by)
+    if suffix == ".csv":
+        return _read_csv(data, shown, about)
+    return _read_numpy(data, shown, suffix, table, about)
 
 
 def _selected(table: _Stored, frames: int, about: Surroundings) -> list[int] | slice:
@@ -614,22 +612,36 @@ def _check_values(values: Floats, shown: str, table: _Stored) -> None:
         )
 
 
-# Values of a csv file that are parsed at once: half a megabyte of text.
-_CSV_BLOCK = 1 << 15
-
-
 def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
-    """Return the values of a csv file; memory holds the file, its values and one block of lines."""
+    """Return the values of a csv file; one that numpy does not read at once is read line by line."""
     rows, cols = about.rows, about.cols
-    layout = f"{rows * cols} values (a frame) or {cols} values (a row of it)"
     if not data.isascii():
         at = next(i for i, byte in enumerate(data) if byte > 127)
         raise InputError(shown, f"byte {at}", data[at], "numbers separated by commas")
-    values = arrays.array("d")
-    block: list[tuple[int, str]] = []
-    lines = width = 0
-    # Any of LF, CR LF and CR ends a line.
-    for number, line in enumerate(io.TextIOWrapper(io.BytesIO(data), encoding="ascii"), start=1):
+    values = np.empty((0, 0))
+    most = data.count(b",") + data.count(b"\n") + data.count(b"\r") + 1
+    if most <= VALUES_MAX and data and not data.isspace() and b"\0" not in data:
+        try:
+            values = np.loadtxt(_lines(data), delimiter=",", ndmin=2, comments=None)
+        except ValueError:
+            pass  # what is wrong, and where, is found below
+    if values.shape[1] not in (rows * cols, cols):
+        values = _read_lines(data, shown, rows, cols)
+    if values.shape[1] == cols != rows * cols and len(values) % rows:
+        raise InputError(shown, "lines", len(values), f"whole frames of {rows} lines of {cols} values")
+    return values.reshape(-1, rows, cols)
+
+
+def _lines(data: bytes) -> io.TextIOWrapper:
+    """Return the lines of a file; any of LF, CR LF and CR ends one."""
+    return io.TextIOWrapper(io.BytesIO(data), encoding="ascii")
+
+
+def _read_lines(data: bytes, shown: str, rows: int, cols: int) -> Floats:
+    """Return the values of a csv file [lines, values]; the first that is wrong is named."""
+    layout = f"{rows * cols} values (a frame) or {cols} values (a row of it)"
+    values, width = arrays.array("d"), 0
+    for number, line in enumerate(_lines(data), start=1):
         if number > VALUES_MAX:
             raise InputError(shown, f"line {number}", "one line more", f"at most {VALUES_MAX} lines")
         if line.isspace():
@@ -638,37 +650,14 @@ def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
         found = line.count(",") + 1
         width = width or found
         if found != width or width not in (rows * cols, cols):
-            values.extend(_numbers(block, shown))  # what is wrong in a line before is said first
             allowed = f"{width} values, as the lines above" if found != width else layout
             raise InputError(shown, f"line {number}", f"{found} values", allowed)
-        lines += 1
-        if lines * width > VALUES_MAX:
-            raise InputError(
-                shown, f"line {number}", f"{lines * width} values", f"at most {VALUES_MAX} values"
-            )
-        block.append((number, line))
-        if len(block) * width >= _CSV_BLOCK:
-            values.extend(_numbers(block, shown))
-            block.clear()
-    values.extend(_numbers(block, shown))
-    if not lines:
+        if (total := len(values) + found) > VALUES_MAX:
+            raise InputError(shown, f"line {number}", f"{total} values", f"at most {VALUES_MAX} values")
+        values.extend(_number(cell, number, n, shown) for n, cell in enumerate(line.split(","), 1))
+    if not width:
         raise InputError(shown, "lines", 0, f"at least one line of {layout}")
-    if width == cols != rows * cols and lines % rows:
-        raise InputError(shown, "lines", lines, f"whole frames of {rows} lines of {cols} values")
-    return np.frombuffer(values).reshape(-1, rows, cols)
-
-
-def _numbers(block: list[tuple[int, str]], shown: str) -> Iterable[float]:
-    """Return the numbers of some lines; JSON parses as float() does, in a fifth of the time."""
-    text = ",".join(line for _, line in block)
-    if "true" not in text and "false" not in text:
-        try:
-            return arrays.array("d", from_json(f"[{text.replace('inf', 'Infinity')}]"))
-        except (ValueError, TypeError, OverflowError):
-            pass  # perhaps a number that JSON writes otherwise: +1, .5, integers above 1e308
-    return (
-        _number(cell, line, n, shown) for line, text in block for n, cell in enumerate(text.split(","), 1)
-    )
+    return np.frombuffer(values).reshape(-1, width)
 
 
 def _number(cell: str, line: int, place: int, shown: str) -> float:

@@ -23,11 +23,9 @@ BLOCKS = ("row_driver", "conveyor", "integrator", "comparator", "charge_source")
 
 CONVERTER = ("integrator", "comparator", "charge_source")
 
-_VIEWS = 'one of "behavioural", "sky130"'
-
 
 def _block(meaning: str) -> Any:
-    return entry(None, meaning, _VIEWS, default_from="run.views.default")
+    return entry(None, meaning, default_from="run.views.default")
 
 
 class ViewsTable(Strict):
