@@ -283,10 +283,6 @@ class Plan:
         considered = table.effects.auto is None or effect.considered
         return "not named" if considered else "not named, and auto adds none that changes the scene"
 
-    def setting(self) -> effects.Setting:
-        """Return the part of this scene that effects may read."""
-        return setting_of(self.scene)
-
 
 def setting_of(world: Scene) -> effects.Setting:
     table = world.table

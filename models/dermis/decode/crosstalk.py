@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from dermis import fields
 from dermis.array.array import Network, column_currents
 
 Floats = NDArray[np.float64]
@@ -352,26 +353,11 @@ def solve(network: Network, currents_a: ArrayLike, most_a: Floats | None = None)
     return Solved(conductance, np.full(len(currents), np.inf), residual, residual < 1e-9, sweeps, currents)
 
 
-CARRIED = frozenset(
-    {
-        "r_row_driven_ohm",
-        "r_row_grounded_ohm",
-        "r_column_ohm",
-        "v_column_offset_v",
-        "i_leak_a",
-        "g_lateral_row_s",
-        # Without traces these carry no current, or are a part of the resistances above.
-        "g_lateral_column_s",
-        "r_pad_row_ohm",
-        "r_pad_column_ohm",
-        "c_row_f",
-        "c_column_f",
-        "c_taxel_f",
-    }
-)
-"""Fields of Network that `arguments` hands to the compiled solves."""
 CORRECTED = frozenset({"r_trace_row_ohm", "r_trace_column_ohm", "r_return_ohm"})
-"""Fields of Network that `solve` corrects for; it refuses any other."""
+"""Fields of Network that `solve` corrects for."""
+# Without traces columns of laterals carry no current, and pads and settled capacitances are no elements of their own.
+CARRIED = fields.of("array", "lines") - CORRECTED
+"""Fields of Network that `arguments` hands to the compiled solves."""
 
 
 def lumped(network: Network) -> bool:

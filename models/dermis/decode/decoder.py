@@ -17,7 +17,8 @@ from dermis.array.array import Network
 from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
 from dermis.decode.law import force_of
-from dermis.decode.memory import SheetMemory, advance_creep, undo_frame
+from dermis.decode.memory import SheetMemory, undo_frame
+from dermis.scene.sensor import advance_creep
 
 Floats = NDArray[np.float64]
 

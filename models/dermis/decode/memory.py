@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dermis.errors import InputError
 from dermis.files import atomic
-from dermis.scene.sensor import creep_rates
+from dermis.scene.sensor import advance_creep, creep_rates
 
 Floats = NDArray[np.float64]
 
@@ -100,16 +100,6 @@ def _end(y, z, radius, weight, side):
 def _move(x, z, radius):
     for k in range(radius.size):
         z[k] = min(max(z[k], x - radius[k]), x + radius[k])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def advance_creep(creep, loaded, rate, weight, dt_s):
-    """Move the creep states [taxels, rates] on by a time in which `loaded` [taxels] taxels carried load."""
-    for m in range(rate.size):
-        kept = np.exp(-rate[m] * dt_s)
-        gained = (1.0 - kept) * weight[m]
-        for t in range(loaded.size):
-            creep[t, m] = kept * creep[t, m] + (gained if loaded[t] else 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, NamedTuple
@@ -28,7 +29,6 @@ class Setting:
 
     cols: int
     topology: str
-    k: float
     c_int_f: float  # of the integrator, k times larger where nothing divides the current
     design: Design
     rng: Callable[[str], np.random.Generator]  # by effect: one more moves no other effect's numbers
@@ -38,7 +38,7 @@ class Setting:
         """The setting of a scene's resolved tables."""
         interface = table.interface
         c_int_f = interface.c_int_f * (interface.k if interface.topology == "direct" else 1)
-        return cls(table.array.cols, interface.topology, interface.k, c_int_f, design, rng)
+        return cls(table.array.cols, interface.topology, c_int_f, design, rng)
 
 
 class Contribution(NamedTuple):
@@ -197,8 +197,7 @@ class Effect:
             if isinstance(path, tuple):
                 path = path[topology == "direct"]
             if path:
-                section, name = path.split(".")
-                found[key] = getattr(getattr(design, section), name)
+                found[key] = operator.attrgetter(path)(design)
         return found
 
     def fields(self) -> list[str]:

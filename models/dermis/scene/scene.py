@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import typing
 from collections.abc import Iterator
@@ -236,16 +237,8 @@ def _check_k_column(
 def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scene:
     """Fill in the defaults of the design, and check keys against each other."""
     design = design or load_design()
-    array = _filled(table.array, rows=design.array.rows, cols=design.array.cols)
+    array, interface = _filled(table.array, design), _filled(table.interface, design)
     sensor = resolve_sensor(table.sensor, design.sensor, path)
-    interface = _filled(
-        table.interface,
-        topology=design.interface.topology,
-        k=design.interface.k,
-        v_bias_v=design.interface.v_bias_v,
-        i0_a=design.converter.i0_a,
-        c_int_f=design.converter.c_int_f,
-    )
     if interface.k not in design.interface.k_options:
         options = ", ".join(str(k) for k in design.interface.k_options)
         raise InputError(path, "interface.k", interface.k, f"one of {options}")
@@ -261,16 +254,8 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
     named = table.effects
     if named.extracted is not None:
         named = extracted.expanded(named, interface, design, path)
-    resolved = table.model_copy(
-        update={
-            "array": array,
-            "sensor": sensor,
-            "interface": interface,
-            "stimulus": stimulus,
-            "run": run,
-            "effects": named,
-        }
-    )
+    parts = {"array": array, "sensor": sensor, "interface": interface, "stimulus": stimulus, "run": run}
+    resolved = table.model_copy(update=parts | {"effects": named})
     on = resolve_effects(named, Setting.of(resolved, design, _no_rng), path)
     check_together(on, interface.topology, packet_v, path)
     return Scene(path, resolved, on, design)
@@ -280,8 +265,14 @@ def _no_rng(name: str) -> Any:
     raise AssertionError(f"{name}: no random number is drawn while a scene is read")
 
 
-def _filled(table: Any, **defaults: Any) -> Any:
-    return table.model_copy(update={k: v for k, v in defaults.items() if getattr(table, k) is None})
+def _filled(table: Any, design: Design) -> Any:
+    """Fill in the keys whose default is a value of the design."""
+    found = {}
+    for key, field in type(table).model_fields.items():
+        path = field.json_schema_extra["default_from"]
+        if path and getattr(table, key) is None:
+            found[key] = operator.attrgetter(path)(design)
+    return table.model_copy(update=found)
 
 
 def schema_rows() -> Iterator[tuple[str, str, str, str]]:

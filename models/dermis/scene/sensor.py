@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
@@ -264,10 +265,18 @@ def play(resistance_ohm: Floats, width: float) -> Floats:
     return out
 
 
-# Frames whose loads are summed one by one: as many as there are rates, roughly.
-_FRAMES_TOGETHER = 64
 # Step of the trapezoid in log rate: its error is exp(-pi^2/h), 2e-11, because the integrand is analytic to +-i pi/2.
 _RATE_STEP = 0.4
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance_creep(creep, loaded, rate, weight, dt_s):
+    """Move the creep states [taxels, rates] on by a time in which `loaded` [taxels] taxels carried load."""
+    for m in range(rate.size):
+        kept = np.exp(-rate[m] * dt_s)
+        gained = (1.0 - kept) * weight[m]
+        for t in range(loaded.size):
+            creep[t, m] = kept * creep[t, m] + (gained if loaded[t] else 0.0)
 
 
 def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -> Floats:
@@ -277,8 +286,7 @@ def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -
     released at t1, log10(1 + t/start_s) - log10(1 + (t - t1)/start_s). That is Boltzmann's
     superposition with the kernel 1/(start_s + t), whatever the order of loads. The kernel is the
     integral of exp(-s (start_s + t)) over the rates s, so one state a rate and taxel carries it
-    from block to block of frames: it costs the same for each frame, where the sum over all loads
-    before (the test's reference) costs more and more.
+    from frame to frame.
 
     Parameters
     ----------
@@ -287,29 +295,13 @@ def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -
     t_frame_s, start_s : float
         Time from frame to frame, and the time at which the first decade starts.
     """
-    frames = loaded.shape[0]
     touched = loaded.any(axis=0)
-    load = loaded[:, touched].astype(float)
-    out = np.zeros(loaded.shape)
-    n = np.arange(min(frames, _FRAMES_TOGETHER))
-    # What frame m adds to frame n > m of the same block, in closed form.
-    since_s = start_s + np.maximum(n[:, np.newaxis] - n - 1, 0) * t_frame_s
-    within = np.tril(np.log1p(t_frame_s / since_s), -1) / np.log(10.0)
-    if frames > n.size:
-        rate, weight = creep_rates(start_s, frames * t_frame_s)
-        with np.errstate(under="ignore"):
-            kept = np.exp(-rate * t_frame_s * n[:, np.newaxis])
-            gained = -np.expm1(-rate * t_frame_s) * weight
-            over = np.exp(-rate * t_frame_s * n.size)
-        state = np.zeros((rate.size, load.shape[1]))
-    for first in range(0, frames, n.size):
-        block = load[first : first + n.size]
-        count = len(block)
-        here = within[:count, :count] @ block
-        if frames > n.size:
-            here += kept[:count] @ state
-            state = over[:, np.newaxis] * state + gained[:, np.newaxis] * (kept[count - 1 :: -1].T @ block)
-        out[first : first + count, touched] = here
+    load, out = loaded[:, touched], np.zeros(loaded.shape)
+    rate, weight = creep_rates(start_s, len(load) * t_frame_s)
+    state = np.zeros((load.shape[1], rate.size))
+    for n in range(1, len(load)):
+        advance_creep(state, load[n - 1], rate, weight, t_frame_s)
+        out[n, touched] = state.sum(axis=1)
     return out
 
 
