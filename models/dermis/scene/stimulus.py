@@ -90,6 +90,7 @@ class _Timed(Strict):
     t_frame_s: Seconds | None = entry(
         None,
         "Time from one of its frames to the next, in s",
+        "a finite number from 1e-9 to 1e9",
         default_from="the frame time of the chip, rows * timing.slot_s",
     )
     resample: Literal["none", "hold", "linear"] = entry(
