@@ -174,7 +174,8 @@ def test_cosim_is_told_that_it_has_processes_of_its_own(make_plan) -> None:
 
 
 SLOW = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for tests in the background
 from dermis.engines import batch; from dermis import plan
 from tb.programs.faults import inject
 batch._run_part = inject.sleep
