@@ -78,24 +78,6 @@ def test_the_decks_of_scenes_have_the_same_codes_on_every_rung(steps: int, poles
     assert apart(own_deck, steps, poles) == ([255, 100, 17, 0], [])
 
 
-def order(phase: ladder.Phase) -> list[str]:
-    """Names of the rungs that a circuit takes which always fails in one way."""
-    names = []
-
-    def attempt(level: ladder.Level) -> None:
-        names.append(level.name)
-        raise ladder.Abort(phase, "no", 1e-6, "x", None)
-
-    with pytest.raises(SimulatorError, match=r"at 1e-06 s: no; tried: .*; try: "):
-        ladder.climb(attempt, ladder.Climb("it", report=lambda line: None))
-    return names
-
-
-def test_the_order_of_the_rungs() -> None:
-    assert order("steps") == ["plain", "capacitance", "gear"]
-    assert order("start") == ["plain", "gmin_stepping", "source_stepping", "ramp"]
-
-
 def test_no_rung_loosens_a_tolerance() -> None:
     for rung in (*ladder.START, *ladder.STEPS):
         assert not re.search(r"(abstol|reltol|vntol|chgtol|gmin)\s*=", rung.options), rung.name

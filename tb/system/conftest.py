@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from scripts import lint
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
+from deck_bench import DeckReader
 from system_bench import MakePlan
 
 
@@ -55,3 +56,11 @@ def faulty_chip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[st
         monkeypatch.setattr(hdl, "rtl_sources", lambda: sources)
 
     return change
+
+
+@pytest.fixture(scope="module")
+def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DeckReader]:
+    """A process that reads decks without the Verilog."""
+    made = DeckReader(tmp_path_factory.mktemp("decks"))
+    yield made
+    made.close()

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -17,13 +16,6 @@ from dermis.records import Plan
 MIRROR = "mirror_lag = { q_c = 9e-11 }\n"
 SOURCES = "mux_leakage = { i_a = 2e-5 }\ncolumn_offset = { v_v = 3e-4 }\n"
 EFFECTS = MIRROR + SOURCES
-
-
-@pytest.fixture(scope="module")
-def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DeckReader]:
-    made = DeckReader(tmp_path_factory.mktemp("decks"))
-    yield made
-    made.close()
 
 
 def with_break(plan: Plan, clocks: int) -> Plan:

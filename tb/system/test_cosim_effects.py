@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -23,13 +22,6 @@ from dermis.scene.design import TOPOLOGIES
 # Effects of a deck: no random numbers, and the sensor sheet is not in it.
 NAMES = [e.name for e in effects.EFFECTS.values() if not e.random and not e.name.startswith("sensor_")]
 OHM = 510 * 60 ** np.random.default_rng(5).random((2, 3, 4))
-
-
-@pytest.fixture(scope="module")
-def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DeckReader]:
-    made = DeckReader(tmp_path_factory.mktemp("decks"))
-    yield made
-    made.close()
 
 
 Parameters = dict[str, object]

@@ -122,7 +122,7 @@ def test_codes_with_every_effect_are_those_of_all_rows(resistance_plan: MakePlan
 @pytest.mark.long
 @pytest.mark.parametrize("topology", ["conveyor_mirror", "multi_output_conveyor"])
 def test_levels_of_ngspice_are_as_close_as_the_masks_assume(
-    resistance_plan: MakePlan, tmp_path: Path, topology: str
+    resistance_plan: MakePlan, reader: DeckReader, topology: str
 ) -> None:
     """Offsets put the level of every column APART_LSB from a step, first below, then above."""
     effects = "auto = {}\nintegrator_range = false\n" + NO_NOISE
@@ -139,7 +139,5 @@ def test_levels_of_ngspice_are_as_close_as_the_masks_assume(
         middle = 0.5 * (low + high)
         same = (event.run(moved(middle)).codes >= codes)[0, 0]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    reader = DeckReader(tmp_path)
     for sign, expected in ((-1.0, codes), (1.0, codes - 1)):
         assert np.array_equal(reader.codes(moved(low + sign * masking.APART_LSB)), expected)
-    reader.close()
