@@ -16,7 +16,6 @@ from dermis.chip import hdl
 from dermis.errors import InputError, SimulatorError
 from dermis.processes import children, watchdog
 from dermis.report import output
-from dermis.scene.design import ROOT
 from scripts.synth import cells as synth_cells
 from tb.programs.faults import bench as benches
 from tb.programs.faults import trials
@@ -50,7 +49,7 @@ LEAVES = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_sessio
 def test_the_judge_sees_words_codes_and_processes_that_are_wrong(
     tmp_path: Path, script: str, seen: list[str]
 ) -> None:
-    run = Run([sys.executable, "-c", script], ROOT, tmp_path)
+    run = Run([sys.executable, "-c", script], tmp_path)
     ended = run.ended()
     assert ended is not None
     faults = benches.judge_words(ended, {0, 2}) + run.orphans(within_s=1.0)
@@ -111,7 +110,7 @@ time.sleep(600)
 )
 def test_sigkill_of_a_command_leaves_none_of_what_it_started(tmp_path: Path, behind: str) -> None:
     """`sleep` has a session of its own, and in one case no parent: only the watchdog finds it."""
-    run = Run([sys.executable, "-c", STARTS.replace("{behind}", behind)], ROOT, tmp_path)
+    run = Run([sys.executable, "-c", STARTS.replace("{behind}", behind)], tmp_path)
     words = run.said[0]
     assert benches.poll(lambda: {"ready", "at work"} <= set(words.read_text().split("\n")), END_S)
     assert len(run.pids()) >= 3
@@ -161,7 +160,7 @@ def test_every_command_answers_a_signal_with_its_exit_code_and_a_word(
     tmp_path: Path, number: signal.Signals, code: int, word: str
 ) -> None:
     """A command that ends at once, with -15 or -1, leaves its children."""
-    run = Run([sys.executable, "-c", SIGNALLED], ROOT, tmp_path)
+    run = Run([sys.executable, "-c", SIGNALLED], tmp_path)
     assert benches.poll(lambda: "at work" in run.said[0].read_text(), END_S)
     run.send_signal(number)
     run.send_signal(number)  # a process of a group gets it twice if its parent passes it on
@@ -298,9 +297,7 @@ def test_a_damaged_liberty_is_refused_by_name(tmp_path: Path, content: bytes | N
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    made = Bench(tmp_path_factory.mktemp("tree"))
-    made.copy()
-    return made
+    return Bench(tmp_path_factory.mktemp("trials"))
 
 
 @pytest.mark.parametrize(
@@ -308,8 +305,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     [
         pytest.param("rtl.hdl_simulator_kill", marks=pytest.mark.long),
         pytest.param("rtl.parent_kill", marks=pytest.mark.long),
-        "npz.half",
-        pytest.param("batch.scheduler_kill", marks=pytest.mark.long),
+        "closed.file_300",
     ],
 )
 def test_a_trial_of_the_campaign(bench: Bench, wanted: str) -> None:

@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands in a copy of the tree, and the judge of how a disturbed command ends."""
+"""Commands with a build/ of their own, and the judge of how a disturbed command ends."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
-import random
 import re
 import secrets
-import shutil
 import signal
 import subprocess
 import sys
@@ -23,7 +21,6 @@ import numpy as np
 
 from dermis.processes import children, watchdog
 from dermis.report import output
-from dermis.scene.design import ROOT
 from scripts import workers
 
 END_LIMIT_S = 240.0
@@ -34,15 +31,12 @@ GONE_LIMIT_S = 30.0
 milliseconds.
 """
 
-PARTS = ("models", "rtl", "spice", "scripts", "tb/programs", "tb/reference")
-"""Parts of the tree that commands need; results and builds go to build/ of the copy."""
-
 ROLES = {
     "watchdog": r"watchdog\.py",
     "hdl_simulator": r"(^|/)vvp\b|/Vdermis_top|/Vskin|/Vtop\b",
     "worker": r"-m dermis\.processes\.pool",
     "compiler": r"verilator_bin|cc1plus|g\+\+|/make |^make |iverilog|ivlpp|/ivl\b|collect2|/ld\b|/as\b",
-    "parent": r"-m dermis\b|faults\.launch|bin/dermis",
+    "parent": r"dermis\.__main__",
 }
 
 
@@ -56,25 +50,17 @@ class Ended:
 
 
 class Run(children.Child):
-    """A command that was started in a tree; its output goes to files in `work`."""
+    """A command that was started in a directory; its output goes to files there."""
 
-    def __init__(
-        self,
-        command: Sequence[str],
-        tree: Path,
-        work: Path,
-        environment: Mapping[str, str] | None = None,
-        **options: Any,
-    ) -> None:
+    def __init__(self, command: Sequence[str], work: Path, **options: Any) -> None:
         token = secrets.token_hex(6)
         self.said = work / f"{token}.out", work / f"{token}.err"
-        variables = {"PYTHONPATH": f"{tree / 'models'}:{tree}", **(environment or {})}
         for number in children.SIGNALS:  # a shell ignores SIGINT for background commands, nohup SIGHUP
             if signal.getsignal(number) is signal.SIG_IGN:
                 signal.signal(number, lambda *_: None)  # no handler outlives exec
         with self.said[0].open("wb") as out, self.said[1].open("wb") as error:
             options = {"stdin": subprocess.DEVNULL, "stdout": out, "stderr": error} | options
-            super().__init__(command, variables, cwd=tree, **options)
+            super().__init__(command, cwd=work, **options)
 
     def pids(self, wanted: str = "") -> list[int]:
         """Return the command and everything it started, its watchdogs too, or those of a role."""
@@ -110,46 +96,25 @@ def role(pid: int) -> str:
 
 @dataclass(frozen=True)
 class Bench:
-    """A copy of the project's sources with a build/ of its own; `seed` is that of everything that
-    trials draw.
-    """
+    """A directory of trials, their builds, and the seed of random moments."""
 
-    tree: Path
+    place: Path
     seed: int = 0
-
-    def copy(self, to: Path | None = None) -> Path:
-        """Copy the sources; builds of an earlier copy stay if their content is the same."""
-        target = to or self.tree
-        for part in PARTS:
-            shutil.rmtree(target / part, ignore_errors=True)
-            shutil.copytree(ROOT / part, target / part, ignore=shutil.ignore_patterns("__pycache__", ".*"))
-        (target / "build").mkdir(exist_ok=True)
-        return target
-
-    def random(self, name: str) -> random.Random:
-        """Return random numbers of a trial, independent of other trials."""
-        return random.Random(hashlib.sha256(f"{self.seed} {name}".encode()).digest())
-
-    def work(self, name: str) -> Path:
-        """Make an empty directory for a trial."""
-        work = self.tree / "trials" / name
-        shutil.rmtree(work, ignore_errors=True)
-        work.mkdir(parents=True)
-        return work
 
     def dermis(
         self,
         words: Sequence[str],
         work: Path,
-        changes: Sequence[str] = (),
-        tree: Path | None = None,
+        limits: Mapping[str, float] | None = None,
+        build: Path | None = None,
         **options: Any,
     ) -> Run:
-        """Start the command line in the tree, or in another one, with changes of
-        tb.programs.faults.launch.
-        """
-        launch = ["tb.programs.faults.launch", *changes, "--"] if changes else ["dermis"]
-        return Run([sys.executable, "-m", *launch, *words], tree or self.tree, work, **options)
+        """Start the command line with its own build/; `limits` sets values of modules."""
+        start = f"import dermis.places, pathlib; dermis.places.BUILD = pathlib.Path({str(build or self.place)!r})\n"
+        for name, value in (limits or {}).items():
+            start += f"import {name.rpartition('.')[0]}; {name} = {value}\n"
+        start += "import dermis.__main__; dermis.__main__.main()"
+        return Run([sys.executable, "-c", start, *words], work, **options)
 
 
 # ---- the judge: each function returns faults in words
@@ -199,7 +164,8 @@ def judge_out(out: Path, before: Mapping[str, str], code: int, reference: np.nda
     # A killed command may leave hidden files.
     if code < 0 and {name: now[name] for name in now if name not in hidden} == dict(before):
         return []
-    return judge_results(out, reference) + ([f"leaves {hidden[0]}"] if hidden and code >= 0 else [])
+    lost = [f"{name} of the user is gone" for name in {"notes.txt"} & before.keys() - now.keys()]
+    return judge_results(out, reference) + lost + [f"leaves {n}" for n in hidden[:1] if code >= 0]
 
 
 def judge_results(out: Path, reference: np.ndarray | None) -> list[str]:
@@ -217,19 +183,6 @@ def judge_results(out: Path, reference: np.ndarray | None) -> list[str]:
         faults.append("codes.csv and codes.npy are of different runs")
     if reference is not None and not np.array_equal(codes, reference):
         faults.append("codes differ from those of an undisturbed run")
-    return faults
-
-
-def judge_tables(tree: Path) -> list[str]:
-    """Judge the tables in build/."""
-    faults = []
-    for path in (tree / "build").glob("*.json"):
-        try:
-            json.loads(path.read_text())
-        except ValueError:
-            faults.append(f"{path.name} is half-written")
-        except OSError:  # another command replaces it
-            continue
     return faults
 
 
