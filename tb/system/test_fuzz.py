@@ -3,25 +3,34 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import subprocess
 import sys
 import types
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dermis import engines, plan
 from dermis.chip import spi_protocol as spi
-from dermis.errors import InputError
-from dermis.scene import scene, schema, stimulus
+from dermis.errors import DermisError, InputError
+from dermis.scene import design, scene, schema, stimulus
 from scripts import workers
-from tb.programs.fuzz import command, oracle, runner
+from tb.programs.fuzz import command, oracle
 from tb.programs.fuzz.faults import FAULTS
-from tb.reference import chip
 
-QUICK = ("short_answer",)
-"""Seeded faults of the default run; preparing other targets takes longer."""
+
+def alone(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Run one call in a process of its own."""
+    command.WORK.mkdir(parents=True, exist_ok=True)
+    [(_, outcome)] = workers.run([workers.Task(function, arguments, 550.0)], 1, fresh=True)
+    assert not outcome.fault
+    return outcome.value
 
 
 @pytest.mark.timeout(600)
@@ -29,34 +38,30 @@ QUICK = ("short_answer",)
     ("name", "inputs"),
     [
         ("scene", 60),
-        ("spi", 150),
         pytest.param("frames", 200, marks=pytest.mark.long),
-        pytest.param("design", 100, marks=pytest.mark.long),
-        pytest.param("command", 100, marks=pytest.mark.long),
-        pytest.param("registers", 1000, marks=pytest.mark.long),
     ],
 )
 def test_a_short_run_finds_nothing(name: str, inputs: int) -> None:
-    made = runner.alone(runner.fuzz, name, inputs, 7)
+    made = alone(command.fuzz, name, inputs, 7)
     assert made["found"] == {}
     assert made["inputs"] == inputs
     assert made["taken"]
-    assert bool(made.get("refused")) == (name != "registers")
+    assert made["refused"]
 
 
 @pytest.mark.timeout(600)
-def test_stored_findings_are_cured() -> None:
-    files = [path for path in runner.FOUND.iterdir() if not path.name.startswith("registers")]
-    assert len(files) > 10
-    assert runner.alone(runner.replay, files) == []
+@pytest.mark.parametrize("name", command.INPUTS)
+def test_stored_findings_are_cured(name: str) -> None:
+    assert list(command.FOUND.glob(f"{name}_*"))
+    assert alone(command.replay, name) == {}
 
 
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.long] * (n not in QUICK)) for n in FAULTS]
+    "name", [pytest.param(n, marks=[pytest.mark.long] * (n != "title_in_deck")) for n in FAULTS]
 )
 def test_a_seeded_fault_is_seen(name: str) -> None:
-    assert runner.alone(runner.fuzz, FAULTS[name].target, command.SEEDED_INPUTS, 0, name)["found"]
+    assert alone(command.fuzz, FAULTS[name].target, command.SEEDED_INPUTS, 0, name)["found"]
 
 
 def test_a_finding_is_shrunk_and_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -70,42 +75,34 @@ def test_a_finding_is_shrunk_and_stored(tmp_path: Path, monkeypatch: pytest.Monk
     texts = st.text(alphabet="ab!", max_size=40).map(str.encode)
     target = types.SimpleNamespace(strategy=lambda: texts, prepare=lambda place: None, run=run)
     monkeypatch.setitem(sys.modules, "tb.programs.fuzz.target_made", target)
-    monkeypatch.setattr(runner, "WORK", tmp_path)
-    monkeypatch.setattr(runner, "FOUND", tmp_path)
-    assert runner.fuzz("made", 200, 1)["found"] == {"escape made.up": "escape in made.up: b'!'"}
+    monkeypatch.setattr(command, "WORK", tmp_path)
+    monkeypatch.setattr(command, "FOUND", tmp_path)
+    assert command.fuzz("made", 200, 1)["found"] == {"escape made.up": "escape in made.up: b'!'"}
     [stored] = tmp_path.glob("made_escape_*")
     assert stored.read_bytes() == b"!"
-    assert runner.replay([stored]) == [f"{stored.name}: escape in made.up: b'!'"]
-    assert runner.fuzz("made", 1, 2, stored=True)["found"]
+    assert command.replay("made") == {stored.name: "escape in made.up: b'!'"}
 
 
-def test_faults_and_deaths_fail_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A process that dies is a finding with its last input; a seeded fault that nothing met is missed."""
-    monkeypatch.setattr(command, "WORK", tmp_path)
-    monkeypatch.setattr(runner, "FOUND", tmp_path)
-    [dies], tally = command.tasks_of(("spi",), 10, 3, False, False), command.Tally()
-    (tmp_path / "spi.30000.last").write_bytes(b"deadly")
-    tally.add(dies, workers.Outcome(fault="crashed: SIGSEGV"))
-    [stored] = tmp_path.glob("spi_crash_*")
-    assert stored.read_bytes() == b"deadly"
-    for fault in ("a", "b"):
-        task = workers.Task(runner.fuzz, ("spi", 10, 3, fault, False))
-        tally.add(task, workers.Outcome({"inputs": 10, "found": {"x": "y"} if fault == "a" else {}}))
-    rows = {row["name"]: (row["value"], row["status"]) for row in tally.rows()}
-    assert rows["fuzz.findings.spi"] == (1, "FAIL")
+def test_faults_and_deaths_fail_a_run() -> None:
+    """A process that dies is a finding; a seeded fault that nothing met is missed."""
+    tasks = [workers.Task(command.fuzz, ("scene", 10, 3, fault)) for fault in ("", "a", "b")]
+    seen = [{"inputs": 10, "found": {"x": "y"} if fault else {}} for fault in (0, 1, 0)]
+    outcomes = [workers.Outcome(fault="crashed: SIGSEGV"), *map(workers.Outcome, seen[1:])]
+    rows = {row["name"]: (row["value"], row["status"]) for row in command.rows_of(tasks, outcomes)}
+    assert rows["fuzz.findings.scene"] == (1, "FAIL")
     assert rows["fuzz.seeded_faults_missed"] == (1, "FAIL")
 
 
 def test_the_inputs_of_a_run_are_split_into_rounds() -> None:
-    tasks = command.tasks_of(runner.NAMES, None, 0, True, True)
-    assert sum(task.arguments[1] for task in tasks if not task.arguments[3]) >= 100_000
-    assert max(task.arguments[1] for task in tasks if not task.arguments[3]) == command.ROUND
-    assert {task.arguments[3] for task in tasks} == {"", *FAULTS}
+    tasks = command.tasks_of(list(command.INPUTS), 100_000, 0, True)[len(command.INPUTS) :]
+    assert sum(task.arguments[1] for task in tasks if not task.arguments[3:]) >= 100_000
+    assert max(task.arguments[1] for task in tasks if not task.arguments[3:]) == command.ROUND
+    assert {task.arguments[3] for task in tasks if task.arguments[3:]} == set(FAULTS)
 
 
 def test_a_large_sheet_is_refused_without_solving_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """To name engines took over 100 s of processor time at 255 x 40; small sheets are still asked by value."""
-    made = plan.make(scene.load(runner.FOUND / "scene_time_settling"))
+    made = plan.make(scene.load(command.FOUND / "scene_time_settling"))
     asked: list[str] = []
     monkeypatch.setattr(engines, "refuses", lambda plan, engine: asked.append(engine))
     with pytest.raises(InputError, match=r"engine event where its values allow it$"):
@@ -115,6 +112,28 @@ def test_a_large_sheet_is_refused_without_solving_it(monkeypatch: pytest.MonkeyP
     with pytest.raises(InputError, match=r"engine event$"):
         engines.check(made)
     assert asked == ["event"]
+
+
+@pytest.mark.parametrize("out", [b"out_\xff", b"n" * 300])
+def test_an_odd_name_of_out_is_written_or_refused_in_one_line(out: bytes, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "dermis", "run", "single_touch", "--out", out]
+    done = subprocess.run(command, capture_output=True, timeout=120, check=False, cwd=tmp_path)
+    assert done.returncode == (2 if len(out) > 255 else 0), done.stderr
+    assert done.stderr.count(b"\n") == (done.returncode == 2)
+    assert done.stderr.decode().rstrip("\n").isprintable()
+
+
+def test_a_name_of_a_scene_beyond_any_disk_is_refused() -> None:
+    with pytest.raises(InputError) as caught:
+        scene.load(scene.find("x" * 5000))
+    assert len(str(caught.value)) < oracle.LINE_MAX
+
+
+def test_an_empty_key_of_a_design_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "design.toml").write_text('"" = 510.0\n')
+    with pytest.raises(InputError) as caught:
+        design.load(tmp_path / "design.toml")
+    assert str(caught.value).isprintable()
 
 
 @pytest.mark.parametrize(
@@ -167,6 +186,22 @@ def test_a_file_that_says_it_is_empty_is_not_read() -> None:
     assert schema.read_bytes(Path("/proc/kmsg"), 1 << 20) == b""
 
 
+READ_OR_WRITE = (spi.read_frame, lambda: spi.read_register(3), lambda: spi.write_register(4, 115))
+
+
+@given(st.binary(max_size=60), st.sampled_from(READ_OR_WRITE))
+def test_any_answer_of_a_chip_is_read_or_refused_by_kind(answer: bytes, transaction: Any) -> None:
+    left = bytearray(answer)
+
+    def bus(sent: bytes) -> bytes:
+        got = bytes(left[: len(sent)]).ljust(len(sent), b"\0")
+        del left[: len(sent)]
+        return got
+
+    with contextlib.suppress(DermisError):  # whatever else it raises fails
+        spi.run(transaction(), bus)
+
+
 @pytest.mark.parametrize("answer", [b"", b"\x00\x00", b"\xa5\xa5\xa5"])
 def test_a_driver_that_gives_back_another_number_of_bytes_is_told(answer: bytes) -> None:
     with pytest.raises(spi.BadExchange, match=f"{len(answer)} bytes came back for"):
@@ -188,55 +223,27 @@ def test_a_command_of_numbers_that_do_not_fit_is_refused(call: object, name: str
     assert caught.value.key == name
 
 
-@pytest.mark.paper
-def test_the_reference_model_follows_the_document() -> None:
-    """The examples of docs/spi.md: SETTLE = 115 is written, GATE reads 510, an unknown command is E0 and counts."""
-    write = bytes((chip.LOW,)) + b"".join(bytes((0, b)) for b in (*spi.write_command(4, 115), 0, 0))
-    read = bytes((chip.HIGH, chip.LOW)) + b"".join(bytes((0, b)) for b in (3, 5, 0, 0, 0, 0, 0))
-    wrong = bytes((chip.HIGH, chip.LOW, 0, 0x77, 0, 0))
-    crc = spi.crc8((3, 5, 1, 0xFE))
-    said = chip.answer(write + read + wrong)
-    assert said == bytes((*[0] * 6, 0x5A, *[0] * 3, 0xA5, 1, 0xFE, crc, 0, 0xE0, 0, 1, 0, 0))
-
-
-def test_what_an_oracle_lets_through(tmp_path: Path) -> None:
+def test_what_an_oracle_lets_through(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each oracle alone, with a call that it must see and one that it must not."""
-
-    def inside(path: Path) -> bool:
-        return tmp_path in path.parents
-
-    assert oracle.judge(lambda: (tmp_path / "x").write_text("x"), inside) == "taken"
-    seen = {}
+    monkeypatch.chdir(tmp_path)
+    assert oracle.judge(lambda: None) == "taken"
     calls = {
-        "write": lambda: (tmp_path.parent / "beside").write_text("x"),
-        "process": lambda: os.system("true"),
+        "write": lambda: Path("left").write_text("x"),
         "escape": lambda: {}["x"],
         "exit": lambda: (_ for _ in ()).throw(SystemExit(3)),
         "line": lambda: (_ for _ in ()).throw(InputError("file", "key", 1, "")),
+        "time": _work,
     }
     for kind, call in calls.items():
         with pytest.raises(oracle.Finding) as found:
-            oracle.judge(call, inside)
-        seen[kind] = found.value.kind
-    assert seen == {kind: kind for kind in calls}
+            oracle.judge(call, cpu_s=0.05)
+        assert found.value.kind == kind
     with pytest.raises(InputError) as caught:
         schema.read_toml(Path("/no/such/dermis/fuzz/file.toml"))
     assert oracle.place_of(caught.value) == "scene.schema.read_bytes"
     assert oracle.place_of(ValueError()) == "the package"
-    assert not (tmp_path.parent / "beside").exists()
-    with pytest.raises(oracle.Finding, match="time"):
-        oracle.judge(_work, inside, cpu_s=0.05)
-    with pytest.raises(oracle.Finding, match="caught"):
-        oracle.judge(_swallows, inside)
 
 
 def _work() -> None:
     while True:
         pass
-
-
-def _swallows() -> None:
-    try:
-        os.mkdir("/no_such_place_of_a_fuzzer")
-    except BaseException:  # what an oracle raises may be caught; it must be told all the same
-        return

@@ -1,128 +1,178 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis fuzz`: hostile input to every reader in worker processes; findings are shrunk and
-stored.
+"""`dermis fuzz`: Hypothesis draws hostile input for every reader, each in a process of its own.
+
+A target is a module target_NAME with `strategy() -> SearchStrategy[bytes]`, `prepare(place)`, called once in
+a process with the directory of its inputs, and `run(data, place)`, which returns "taken" or "refused" or
+raises Finding.
 """
 
 from __future__ import annotations
 
-import shutil
+import contextlib
+import hashlib
+import importlib
+import tempfile
+import types
+import warnings
 from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
 
 import click
+import hypothesis
+from hypothesis import HealthCheck, Verbosity
 
-from dermis.files import write_atomic
-from dermis.places import BUILD
+from dermis.places import BUILD, ROOT
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from scripts import workers
-from tb.programs.fuzz import runner
 from tb.programs.fuzz.faults import FAULTS
-from tb.programs.fuzz.runner import NAMES, WORK
-from tb.programs.tables import markdown
+from tb.programs.fuzz.oracle import Finding
 
-INPUTS = dict(zip(NAMES, (10_000, 12_000, 40_000, 30_000, 8_000, 1_000), strict=True))
-"""Inputs of a whole run, few where one takes long."""
+INPUTS = {"scene": 12_000, "frames": 12_000}
+"""Inputs of a whole run by target, few where one takes long."""
 
 ROUND = 2_000
 """Inputs of one process, which remembers all of them."""
 
-ROUND_S, SEEDED_S, SEEDED_INPUTS = 900.0, 240.0, 3_000
+ROUND_S, SEEDED_INPUTS = 900.0, 3_000
+WORK = BUILD / "fuzz"
+FOUND = ROOT / "tb" / "programs" / "fuzz" / "found"
 
 
-class Tally:
-    """Results of the rounds of a target, and the seeded faults that no input met."""
+@contextlib.contextmanager
+def prepared(name: str) -> Iterator[tuple[types.ModuleType, Path]]:
+    """Import and prepare a target in a directory of its own."""
+    target = importlib.import_module(f"tb.programs.fuzz.target_{name}")
+    with (
+        tempfile.TemporaryDirectory(prefix=f"fuzz_{name}_", ignore_cleanup_errors=True) as directory,
+        contextlib.chdir(directory),
+    ):
+        place = Path(directory).resolve()
+        target.prepare(place)
+        yield target, place
 
-    def __init__(self) -> None:
-        self.counts: dict[str, Counter[str]] = {}
-        self.found: dict[str, dict[str, str]] = {}
-        self.missed: dict[str, str] = {}
-        self.seeded = 0
 
-    def add(self, task: workers.Task, outcome: workers.Outcome) -> None:
-        """Add the outcome of a task of `runner.fuzz`."""
-        name, _, seed, fault, _ = task.arguments
-        piece = outcome.value or {}
+def fuzz(name: str, inputs: int, seed: int, fault: str = "") -> dict[str, Any]:
+    """Run inputs of a target and store the smallest input of each finding in FOUND; with a seeded
+    fault nothing is stored.
+
+    Returns
+    -------
+    dict
+        inputs, taken, refused, and found: place and oracle -> text.
+    """
+    counts: Counter[str] = Counter()
+    found: dict[str, tuple[bytes, Finding]] = {}
+    last = WORK / f"{name}.{seed}.last"  # stays if the process dies of it
+    with prepared(name) as (target, place), warnings.catch_warnings():
+        warnings.simplefilter("ignore", hypothesis.errors.HypothesisWarning)  # inputs are long to print
         if fault:
-            self.seeded += 1
-            if not piece.get("found"):
-                self.missed[fault] = outcome.fault or "not seen"
-            return
-        found = self.found.setdefault(name, {})
-        found |= piece.pop("found", {})
-        self.counts.setdefault(name, Counter()).update(piece)
-        if outcome.fault:
-            last, signature = WORK / f"{name}.{seed}.last", f"crash of round {seed}"
-            found[signature] = outcome.fault
-            if last.exists():
-                shutil.copyfile(last, runner.file_of(name, "crash", signature))
+            FAULTS[fault].seed()
 
-    def rows(self) -> list[Row]:
-        """Return the rows of build/fuzz.json."""
-        rows = []
-        for name, counts in self.counts.items():
-            note = f"{counts['taken']} taken, {counts['refused']} refused"
-            rows.append(verdict.report(f"fuzz.inputs.{name}", counts["inputs"], "inputs", note))
-            note = "; ".join(f"{text:.200}" for text in list(self.found[name].values())[:3])
-            rows.append(verdict.judge(f"fuzz.findings.{name}", len(self.found[name]), note))
-        total = sum(counts["inputs"] for counts in self.counts.values())
-        rows.append(verdict.report("fuzz.inputs.all", total, "inputs"))
-        if self.seeded:
-            note = f"of {self.seeded}; " + ", ".join(f"{name}: {why}" for name, why in self.missed.items())
-            rows.append(verdict.judge("fuzz.seeded_faults_missed", len(self.missed), note.rstrip("; ")))
-        return rows
+        @hypothesis.seed(seed)
+        @hypothesis.settings(
+            max_examples=inputs,
+            database=None,  # FOUND is the database: that of Hypothesis takes no seed
+            deadline=None,
+            verbosity=Verbosity.quiet,
+            report_multiple_bugs=not fault,
+            suppress_health_check=list(HealthCheck),
+        )
+        @hypothesis.given(target.strategy())
+        def test(data: bytes) -> None:
+            counts["inputs"] += not found  # those that shrink a finding do not count
+            last.write_bytes(data)
+            try:
+                counts[target.run(data, place)] += 1
+            except Finding as finding:
+                if len(data) <= len(found.get(finding.signature, (data,))[0]):
+                    found[finding.signature] = data, finding
+                raise
+
+        with contextlib.suppress(Finding, ExceptionGroup, hypothesis.errors.Flaky):  # they are in `found`
+            test()
+    for signature, (data, finding) in {} if fault else found.items():
+        digest = hashlib.sha256(signature.encode()).hexdigest()[:8]
+        (FOUND / f"{name}_{finding.kind}_{digest}").write_bytes(data)
+    return {**counts, "found": {signature: str(finding) for signature, (_, finding) in found.items()}}
 
 
-def tasks_of(
-    names: tuple[str, ...], inputs: int | None, seed: int, stored: bool, faults: bool
-) -> list[workers.Task]:
-    """Return the processes of a run; with `stored` those that start with the stored findings."""
-    share, tasks = sum(INPUTS[name] for name in names), []
+def replay(name: str) -> dict[str, str]:
+    """Run the stored inputs of a target; return the findings by file."""
+    found = {}
+    with prepared(name) as (target, place):
+        for file in sorted(FOUND.glob(f"{name}_*")):
+            try:
+                target.run(file.read_bytes(), place)
+            except Finding as finding:
+                found[file.name] = str(finding)
+    return found
+
+
+def rows_of(tasks: Sequence[workers.Task], outcomes: Sequence[workers.Outcome]) -> list[Row]:
+    """Return the rows of build/fuzz.json."""
+    counts: dict[str, Counter[str]] = {}
+    findings: dict[str, list[str]] = {}
+    missed, seeded = [], 0
+    for task, outcome in zip(tasks, outcomes, strict=True):
+        name, *rest = task.arguments
+        piece = outcome.value or {}
+        found = list((piece if task.function is replay else piece.pop("found", {})).values())
+        if fault := rest[2] if len(rest) > 2 else "":
+            seeded += 1
+            missed += [] if found else [f"{fault}: {outcome.fault or 'not seen'}"]
+            continue
+        findings.setdefault(name, []).extend([*found, *filter(None, [outcome.fault])])
+        counts.setdefault(name, Counter()).update({} if task.function is replay else piece)
+    rows = []
+    for name, own in counts.items():
+        note = f"{own['taken']} taken, {own['refused']} refused"
+        rows.append(verdict.report(f"fuzz.inputs.{name}", own["inputs"], "inputs", note))
+        note = "; ".join(f"{text:.200}" for text in findings[name][:3])
+        rows.append(verdict.judge(f"fuzz.findings.{name}", len(findings[name]), note))
+    if seeded:
+        rows.append(verdict.judge("fuzz.seeded_faults_missed", len(missed), f"of {seeded}; {missed}"))
+    return rows
+
+
+def tasks_of(names: Sequence[str], inputs: int | None, seed: int, faults: bool) -> list[workers.Task]:
+    """Return the processes of a run: stored inputs, new ones, seeded faults."""
+    share = sum(INPUTS[name] for name in names)
+    tasks = [workers.Task(replay, (name,), ROUND_S) for name in names]
     for name in names:
         wanted = INPUTS[name] if inputs is None else max(1, round(inputs * INPUTS[name] / share))
         for n, first in enumerate(range(0, wanted, ROUND)):
-            arguments = name, min(ROUND, wanted - first), seed * 10_000 + n, "", stored and n == 0
-            tasks.append(workers.Task(runner.fuzz, arguments, ROUND_S))
-    for fault, case in FAULTS.items() if faults else ():
-        if case.target in names:
-            arguments = case.target, SEEDED_INPUTS, seed, fault, False
-            tasks.append(workers.Task(runner.fuzz, arguments, SEEDED_S))
-    return tasks
+            arguments = name, min(ROUND, wanted - first), seed * 10_000 + n
+            tasks.append(workers.Task(fuzz, arguments, ROUND_S))
+    seeded = [(case.target, SEEDED_INPUTS, seed, fault) for fault, case in FAULTS.items()]
+    return tasks + [workers.Task(fuzz, a, ROUND_S) for a in seeded if faults and a[0] in names]
 
 
 @click.command("fuzz")
-@click.option("--only", multiple=True, type=click.Choice(NAMES), help="Targets (repeatable).")
+@click.option("--only", multiple=True, type=click.Choice(list(INPUTS)), help="Targets (repeatable).")
 @click.option(
     "--inputs", type=click.IntRange(1, 10**9), help=f"Inputs of all targets; default {sum(INPUTS.values())}."
 )
 @click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Random seed.")
 @click.option("--jobs", type=click.IntRange(1, 64), default=2, show_default=True, help="Worker processes.")
-@click.option("--fresh", is_flag=True, help="Do not start with the stored findings.")
 @click.option(
     "--faults/--no-faults", "seed_faults", default=True, help="Also check that seeded faults are seen."
 )
-@click.option("--docs", is_flag=True, help="Write the table to build/fuzz.md.")
-def fuzz_command(
-    only: tuple[str, ...],
-    inputs: int | None,
-    seed: int,
-    jobs: int,
-    fresh: bool,
-    seed_faults: bool,
-    docs: bool,
-) -> int:
+def fuzz_command(only: tuple[str, ...], inputs: int | None, seed: int, jobs: int, seed_faults: bool) -> int:
     """Give hostile input to everything that reads; rows in build/fuzz.json.
 
     A finding is shrunk and stored in tb/programs/fuzz/found; the next run starts with it.
     """
     WORK.mkdir(parents=True, exist_ok=True)
-    tasks, tally = tasks_of(only or NAMES, inputs, seed, not fresh, seed_faults), Tally()
+    tasks = tasks_of(only or list(INPUTS), inputs, seed, seed_faults)
+    outcomes = [workers.Outcome()] * len(tasks)
     with progress.slots("fuzz", len(tasks), "rounds") as show:
         for done, (number, outcome) in enumerate(workers.run(tasks, jobs, fresh=True), 1):
-            tally.add(tasks[number], outcome)
-            show(done, f"{tasks[number].arguments[0]} {tasks[number].arguments[3]}")
-    rows = tally.rows()
+            outcomes[number] = outcome
+            show(done, str(tasks[number].arguments[0]))
+    rows = rows_of(tasks, outcomes)
     verdict.write_rows("fuzz", rows)
     verdict.print_rows(rows, "Hostile input")
-    if docs:
-        write_atomic(BUILD / "fuzz.md", markdown(rows) + "\n")
     return verdict.exit_code(rows)

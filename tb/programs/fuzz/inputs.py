@@ -18,22 +18,19 @@ SIZE_MAX = 1 << 15
 """Bytes of an input."""
 
 TEXTS = (
-    "", " ", "\n", "\r", "\t", "\x00", "\x1b[31mred", "\x7f", "\x85", "\u2028", "\u202eltr", "\ufeff", "\u00e9",
-    "\U0001f9a0", "\n.control\nshell touch fuzz_was_here\n.endc\n", ".include /etc/passwd", "*\n.control\nquit\n.endc",
-    "{shell('touch x')}", "$(touch fuzz_was_here)", "`touch fuzz_was_here`", "; touch fuzz_was_here", "' touch '",
-    "\" touch \"", "%s%n%x", "{0.__class__}", "${HOME}", "~", "..", ".", "/", "//", "../../../../etc/passwd",
-    "/dev/zero", "/dev/stdin", "/proc/self/mem", "frames.csv/../frames.csv", "frames.csv\x00.npy", "frames.csv ", "-",
-    "--out", "-h", "@file", "a" * 300, "a" * 5000, "\u00e9" * 200, "\\", "\\n", "'''", '"""', "#", "[x]", "x = 1",
-    "inf", "nan", "1e400", "0x10", "1_000", "None", "true", "frames.csv", "frames.npy", "frames.npz", "pickled.npy",
-    "deep/none.csv", "link.csv", "pipe.csv", "directory.csv", "codes",
+    "", " ", "\n", "\r", "\x00", "\x1b[31mred", "\x7f", "\x85", "\u2028", "\u202eltr", "\ufeff", "\u00e9", "\U0001f9a0",
+    "\n.control\nshell touch fuzz_was_here\n.endc\n", ".include /etc/passwd", "*\n.control\nquit\n.endc",
+    "$(touch fuzz_was_here)", "`touch fuzz_was_here`", "' touch '", "%s%n%x", "{0.__class__}", "~", "..", ".", "/",
+    "../../../../etc/passwd", "/dev/zero", "/dev/stdin", "/proc/self/mem", "frames.csv\x00.npy", "-", "--out", "-h",
+    "a" * 300, "a" * 5000, "\\", "'''", '"""', "#", "[x]", "x = 1", "inf", "nan", "1e400", "0x10", "None", "true",
+    "frames.csv", "frames.npy", "frames.npz", "pickled.npy", "link.csv", "pipe.csv", "directory.csv", "codes",
 )  # fmt: skip
 """Text with a meaning to a shell, to ngspice, to a file system, to a terminal or to a parser."""
 
 NUMBERS: tuple[Any, ...] = (
-    0, 1, -1, 2, 3, 16, 255, 256, 1000, 65535, 65536, 2**25, 2**25 + 1, 2**31, 2**32 - 1, 2**32, 2**53 + 1, 2**63,
-    2**64, 10**30, 10**31, 10**308, 10**400, -(10**400), 10**4000, 0.0, -0.0, 0.5, 1.5, 1e-3, 1e-30, 1e-31, 5e-324,
-    2.2250738585072014e-308, 1e30, 1.1e30, 1.7976931348623157e308, -1e308, math.inf, -math.inf, math.nan,
-    0.9999999999999999, 1.0000000000000002, 510.0, 249.99999999999997, -273.15, 360.1,
+    0, 1, -1, 2, 3, 16, 255, 256, 65535, 65536, 2**25, 2**25 + 1, 2**31, 2**32, 2**53 + 1, 2**63, 2**64, 10**30,
+    10**31, 10**308, 10**400, 10**4000, 0.0, -0.0, 0.5, 1e-3, 1e-30, 1e-31, 5e-324, 1e30, 1.1e30,
+    1.7976931348623157e308, -1e308, math.inf, -math.inf, math.nan, 1.0000000000000002, 510.0, -273.15, 360.1,
 )  # fmt: skip
 """Numbers at the edges of types, of the sizes that a scene accepts, and beyond."""
 
@@ -94,16 +91,10 @@ def edited(draw: st.DrawFn, data: bytes, phrases: Sequence[str]) -> bytes:
     pieces = st.sampled_from(phrases).map(encoded) | texts.map(encoded) | st.binary(max_size=2)
     for _ in range(draw(st.sampled_from((0, 1, 1, 2, 4)))):
         at = draw(st.integers(0, len(data)))
-        if draw(st.booleans()):
-            at = data.rfind(b"\n", 0, at) + 1
         end = at + draw(st.sampled_from((0, 0, 0, 1, 2, 16, SIZE_MAX)))
         times = draw(st.sampled_from((1,) * 9 + (8, 100, 3000)))
         data = (data[:at] + draw(pieces) * times + data[end:])[:SIZE_MAX]
-    whole = draw(st.sampled_from(("",) * 20 + ("utf-16", "utf-8-sig", "latin-1", "\r\n", "\r", "twice")))
-    if whole.startswith("\r"):
-        return data.replace(b"\n", whole.encode())
-    if whole == "twice":
-        return data + data
+    whole = draw(st.sampled_from(("",) * 20 + ("utf-16", "utf-8-sig", "latin-1")))
     return data.decode("utf-8", "replace").encode(whole, "replace") if whole else data
 
 

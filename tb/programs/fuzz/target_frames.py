@@ -47,21 +47,16 @@ def _socket(path: Path, data: bytes) -> None:
         made.bind(os.path.relpath(path))  # the name of a socket has 107 characters at most
 
 
-_DEVICES = (
-    "/dev/zero", "/dev/null", "/dev/urandom", "/dev/full", "/dev/tty", "/dev/stdin", "/dev/fd/0", "/proc/self/mem",
-    "/proc/self/environ", "/proc/self/maps", "/proc/kmsg", "/", "/etc/shadow", "/nonexistent/x",
-)  # fmt: skip
+_DEVICES = ("/dev/zero", "/dev/stdin", "/proc/kmsg", "/proc/self/mem", "/etc/shadow", "/")
 THINGS: tuple[Callable[[Path, bytes], Any], ...] = (
     Path.write_bytes, _linked_file, _sparse, _socket, lambda path, data: path.mkdir(),
-    lambda path, data: os.mkfifo(path), lambda path, data: None, _link("loop.csv"),
-    *(_link(device) for device in _DEVICES),
+    lambda path, data: os.mkfifo(path), lambda path, data: None, _link("loop.csv"), *map(_link, _DEVICES),
 )  # fmt: skip
 """Makers of the object at the path of a frame file."""
 
 NAMES = (
-    "loop.csv", "loop.npy", "loop.npz", "loop.CSV", "loop.txt", "loop", "", ".", "..", "loop.csv/", "loop.csv\x00",
-    "a\nb.csv", "\x1b[2J.npy", "\u202evsc.csv", "n" * 400 + ".csv", "d/" * 3000 + "x.csv", "~/x.csv", "$(touch x).csv",
-    "-.csv", " .csv", "\U0001f9a0.npy",
+    "loop.csv", "loop.npy", "loop.npz", "loop.CSV", "loop", "", ".", "..", "loop.csv/", "loop.csv\x00", "a\nb.csv",
+    "\x1b[2J.npy", "n" * 400 + ".csv", "d/" * 3000 + "x.csv", "~/x.csv", "$(touch x).csv", "-.csv",
 )  # fmt: skip
 TABLES: tuple[dict[str, Any], ...] = (
     {"kind": "frames", "unit": "codes"},
@@ -76,41 +71,25 @@ KEYS = (None, "codes", "other", "", "codes.npy", "../codes", "a\nb", "x" * 500)
 
 _TEXTS = (
     b"1,2\n3,4\n5,6\n", b"1,2,3,4,5,6\n" * 3, b"0.5,inf\n0,1e3\n1,nan\n", b" 1 , 2 \r\n\r\n3,4\r\n5,6", b"1,,\n",
-    b"-1,2\n" * 3, b"1_0,2\n" * 3, b"1e400,1\n" * 3, b"\xef\xbb\xbf1,2\n" * 3, b"row,col\n1,2\n", b"", b"0x1,2\n",
-    b"\x00", b",", b"1" * 3000 + b",2\n",
+    b"-1,2\n" * 3, b"1_0,2\n" * 3, b"1e400,1\n" * 3, b"\xef\xbb\xbf1,2\n" * 3, b"row,col\n1,2\n", b"", b"\x00", b",",
 )  # fmt: skip
 _SHAPES = (
-    "(3, 2)", "(2, 3)", "(1, 3, 2)", "(6,)", "()", "(-3, -2)", "(3, 2, 1)", "(0, 3, 2)", "(3.0, 2)", "(True, 3, 2)",
-    "(99999999999, 3, 2)", "(1099511627776, 0, 2)", "[3, 2]", "(3, 2)*9", "(None, 2)", "(33554432, 3, 2)",
-    "(" + "9" * 4000 + ",)",
+    "(3, 2)", "(1, 3, 2)", "(6,)", "()", "(-3, -2)", "(0, 3, 2)", "(3.0, 2)", "(99999999999, 3, 2)", "[3, 2]",
+    "(3, 2)*9", "(None, 2)", "(33554432, 3, 2)", "(" + "9" * 4000 + ",)",
 )  # fmt: skip
 _DTYPES = (
-    "'<f8'", "'<i8'", "'|u1'", "'>f4'", "'<f2'", "'<f16'", "'|b1'", "'<c16'", "'|S9'", "'<U999999999'", "'<M8[ns]'",
-    "'|V0'", "'|V99999999'", "'|O'", "('<f8', (1000,))", "[('a', '<f8'), ('b', '|O')]", "lambda",
+    "'<f8'", "'<i8'", "'|u1'", "'<f2'", "'<f16'", "'|b1'", "'<c16'", "'|S9'", "'<U999999999'", "'<M8[ns]'", "'|O'",
+    "('<f8', (1000,))", "[('a', '<f8'), ('b', '|O')]", "lambda",
 )  # fmt: skip
 _ORDERS = ("False", "False", "True", "None", "__import__('os').mkdir('x')")
 _MEMBERS = ("codes.npy", "codes", "../x.npy", "a\nb.npy", "other.npy")
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
-_PHRASES = (
-    "1,2\n",
-    ",",
-    "inf",
-    "nan",
-    "1e999",
-    "-0",
-    "0x1",
-    "\r",
-    "PK\x03\x04",
-    "1_0",
-    "+5",
-    "256",
-    "PK\x01\x02",
-)
+_PHRASES = ("1,2\n", ",", "inf", "nan", "1e999", "-0", "\r", "PK\x03\x04", "1_0", "+5", "256", "PK\x01\x02")
 
 
-def _npy(array: Any, version: tuple[int, int] | None = None) -> bytes:
+def _npy(array: Any) -> bytes:
     stream = io.BytesIO()
-    np.lib.format.write_array(stream, np.asarray(array), version=version)
+    np.save(stream, array)
     return stream.getvalue()
 
 
@@ -132,8 +111,8 @@ def strategy(draw: st.DrawFn) -> bytes:
     """Draw what is at the place of a file, how a scene names it, and its content."""
     codes = np.array([[1, 2], [3, 4], [5, 6]])
     arrays = [_npy(codes.astype(t)) for t in ("u1", "i8", "f8", "f2", "g", "?", "c16", "S3", "M8[s]")]
-    arrays += [_npy(codes[None].repeat(2, 0)), _npy(np.asfortranarray(codes)), _npy(codes, (3, 0)), _npy(3)]
-    arrays += [_npy(np.zeros(0)), _npy(np.full((3, 2), np.nan)), target_scene.pickled()]
+    arrays += [_npy(codes[None].repeat(2, 0)), _npy(np.asfortranarray(codes)), _npy(3), _npy(np.zeros(0))]
+    arrays += [_npy(np.full((3, 2), np.nan)), target_scene.pickled()]
     headers = st.builds(_header, *map(st.sampled_from, (_DTYPES, _ORDERS, _SHAPES)), st.integers(0, 48))
     npy = st.sampled_from(arrays) | headers
     members = st.dictionaries(st.sampled_from(_MEMBERS), npy, max_size=2)

@@ -92,6 +92,7 @@ def prepare(place: Path) -> None:
     """Write frame files, good ones and others, and load everything that a plan may load."""
     codes = np.array([[1, 2], [3, 4], [5, 6]], dtype=np.uint8)
     (place / "frames.csv").write_text("1,2\n3,4\n5,6\n")
+    (place / "resolved.toml").touch()
     np.save(place / "frames.npy", codes)
     np.savez(place / "frames.npz", codes=codes, other=codes[None].repeat(3, 0))
     np.save(place / "wide.npy", np.arange(256, dtype=np.uint8).reshape(16, 16))
@@ -142,7 +143,7 @@ def look(made: records.Plan, place: Path, again: bool) -> None:
 
 def run(data: bytes, place: Path) -> str:
     """Plan a scene, as `dermis run` does before it makes OUT."""
-    path, resolved = place / "scene.toml", place / "resolved.toml"
+    path = place / "scene.toml"
     path.write_bytes(data)
 
     def one() -> None:
@@ -150,4 +151,4 @@ def run(data: bytes, place: Path) -> str:
         engines.check(made)
         look(made, place, again=zlib.crc32(data) % 4 == 0)
 
-    return oracle.judge(one, lambda path: path == resolved)
+    return oracle.judge(one)
