@@ -11,7 +11,6 @@ margin may read. Margin 0 is one count.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping
 from fractions import Fraction
@@ -155,75 +154,3 @@ def cell_of(
         if gain is None:  # no conductance across the input is worth a name: a scene without gain has none
             cell["across"] = Fraction(0)
     return cell
-
-
-# ---- the leaky converter, exactly ----------------------------------------------------------------------------
-
-
-def leaky_bits(x: mpmath.mpf, keep: mpmath.mpf, clocks: int, w0: mpmath.mpf) -> list[int]:
-    """Return ones of a leaky integrator by its recursion, packets a clock after the decision.
-
-    w[n] = keep w[n-1] + gain (x - q[n-2]), gain = (1 - keep) / -log(keep); q[n] = w[n] >= 0 and not
-    q[n-1].
-    """
-    gain = (1 - keep) / -mpmath.log(keep)
-    charged, taken = gain * x, gain * (x - 1)
-    w, q, before = w0, 0, 0
-    bits = []
-    for _ in range(clocks):
-        w = keep * w + (taken if before else charged)
-        before, q = q, int(w >= 0 and not q)
-        bits.append(q)
-    return bits
-
-
-@functools.cache
-def plateau(p: int, q: int, keep: Fraction) -> tuple[Fraction, Fraction]:
-    """Return the lowest duty, and the one just beyond the highest, that lock a leaky converter to p
-    ones in q clocks.
-
-    In units in which a packet is 1 at its decision, y[n+1] = keep y[n] + keep x - q[n], so a
-    pattern of period q has y[n] = keep x / (1 - keep) - S[n] with S[n] = sum of keep^j q[n-1-j]. It
-    is the converter's own where y >= 0 at its ones and y < 0 elsewhere: keep x / (1 - keep) lies
-    from the largest S at a one to below the least elsewhere.
-    """
-    pattern = [((n + 1) * p) // q - (n * p) // q for n in range(q)]
-    s = [
-        sum((keep**j * pattern[(n - 1 - j) % q] for j in range(q)), Fraction(0)) / (1 - keep**q)
-        for n in range(q)
-    ]
-    scale = (1 - keep) / keep
-    low = scale * max(v for v, one in zip(s, pattern, strict=True) if one)
-    high = scale * min(v for v, one in zip(s, pattern, strict=True) if not one)
-    return low, high
-
-
-def plateau_width(q: int, keep: Fraction) -> Fraction:
-    """Return the width of every plateau of period q in keep x: keep^(q-2) (1-keep)^2 / (1-keep^q).
-
-    This is the width of the contracted rotation.
-
-    Laurent and Nogueira 2018, for y -> keep y + delta - [y >= 0]; here delta is keep x.
-    """
-    return keep ** (q - 2) * (1 - keep) ** 2 / (1 - keep**q)
-
-
-def locked(q: int) -> list[tuple[int, int]]:
-    """Return every p/q up to one half in lowest terms."""
-    return [(p, q) for p in range(1, q // 2 + 1) if math.gcd(p, q) == 1]
-
-
-# ---- very many clocks ----------------------------------------------------------------------------------------
-
-
-def count_and_rest(x: float | Fraction, clocks: int) -> tuple[int, Fraction]:
-    """Return the exact count and remaining charge after very many clocks of an ideal converter, 0
-    <= x <= 1/2.
-
-    Behind a decision the charge is at least -1 (a packet left at 0 or more) and below 0 (it stood
-    below 0, or at most x - 1 below it remains), so one count alone is left by the balance: -1 <=
-    -1/2 + N x - count < 0.
-    """
-    charge = Fraction(-1, 2) + clocks * Fraction(x)
-    ones = charge.numerator // charge.denominator + 1
-    return ones, charge - ones

@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import random
 import tempfile
 from collections.abc import Sequence
-from fractions import Fraction
 from pathlib import Path
 
 import mpmath
@@ -14,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.chip import ladder
-from dermis.chip.analog import Edge
 from dermis.chip.ngspice import Deck, NgspiceHalf
 
 # Tolerances of the decks without a pole (netlist.py): Newton's method ends a step beyond them.
@@ -47,98 +44,6 @@ def lockstep(
         return ladder.climb(attempt, way), way
 
 
-# ---- the converter of fourteen transistors ---------------------------------------------------------------------
-
-T_CLK_S = 1e-6
-SETTLE, GATE = 4, 200
-DUTY = Fraction(3, 8)
-
-
-def transistor_converter(size: int) -> list[str]:
-    """Return a converter of fourteen level-1 transistors: two amplifiers of seven, one integrates,
-    one compares.
-
-    1 MHz, 10 pF, packets of 1 uA; widths are drawn with `size` as seed. Its transistors have
-    Meyer's gate capacitances only, and `vref` and `vbn` are ideal sources that drive
-    only gates.
-    """
-    draw = random.Random(size)
-
-    def width(um: float) -> float:
-        return um * 1e-6 * draw.uniform(0.5, 2.0)
-
-    def amplifier(
-        k: str, inverting: str, other: str, out: str, pair: float, load: float, tail: float
-    ) -> list[str]:
-        second = draw.uniform(2.0, 8.0)
-        return [
-            f"m1{k} x{k} {inverting} t{k} vss n w={pair:.4g} l=1u",
-            f"m2{k} y{k} {other} t{k} vss n w={pair:.4g} l=1u",
-            f"m3{k} x{k} x{k} vdd vdd p w={load:.4g} l=1u",
-            f"m4{k} y{k} x{k} vdd vdd p w={load:.4g} l=1u",
-            f"m5{k} t{k} vbn vss vss n w={tail:.4g} l=2u",
-            f"m6{k} {out} y{k} vdd vdd p w={load * second:.4g} l=1u",
-            f"m7{k} {out} vbn vss vss n w={0.5 * tail * second:.4g} l=2u",
-        ]
-
-    return [
-        ".model n nmos level=1 vto=0.5 kp=170u lambda=0.05 gamma=0.4 phi=0.7 tox=7.6n",
-        ".model p pmos level=1 vto=-0.6 kp=60u lambda=0.08 gamma=0.4 phi=0.7 tox=7.6n",
-        "vdd vdd 0 1.65",
-        "vss vss 0 -1.65",
-        "vref vref 0 0",
-        "vbn vbn vss 0.8",
-        *amplifier("a", "sum", "vref", "int", width(40), width(20), width(20)),
-        *amplifier("c", "int", "vref", "comp", width(20), width(10), width(10)),
-        "cmiller ya int 0.5p",
-        f"iin 0 sum {float(DUTY)}u",
-        "gpacket sum 0 d0 0 1u",
-        "cint sum int 10p",
-        ".nodeset v(d1)=1",
-        "bpreset int sum i = v(d1) > 0.95 ? (v(d1) - 0.95)*(v(int,sum) - 0.05)*2e-2 : 0",
-        # ngspice's default tolerances, at which it is known to abort
-        ".options reltol=1e-3",
-    ]
-
-
-def count_pulses(lines: Sequence[str], level: ladder.Level) -> int:
-    """Count packets of a converter in GATE clocks, with its two flip-flops in Python."""
-    names = ("v_d0", "v_d1")
-    deck = Deck(
-        ("converter", *lines, "v_d0 d0 0 external", "v_d1 d1 0 external"),
-        names,
-        (0.0, 1.0),
-        (False, True),
-        ("comp",),
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        half = NgspiceHalf(
-            deck,
-            t_edge_s=1e-9,
-            t_max_step_s=T_CLK_S,
-            t_stop_s=(GATE + SETTLE) * T_CLK_S,
-            log=Path(folder) / "ngspice.log",
-            level=level,
-        )
-        half.advance(0.0, [])
-        edges: list[Edge] = []
-        first = second = pulses = 0
-        for clock in range(1, GATE + SETTLE + 1):
-            high = half.advance(clock * T_CLK_S, edges)[0] > 0.0
-            told = first
-            first = int(high and not first) if SETTLE <= clock < SETTLE + GATE else 0
-            pulses += first
-            edges = [(clock * T_CLK_S, 0, float(told))] if told != second else []
-            second = told
-            if clock == SETTLE - 1:
-                edges.append((clock * T_CLK_S, 1, 0.0))
-        half.close()
-    return pulses
-
-
-ABORTING = (1, 2, 3, 5, 6, 7, 11, 12, 13)
-"""Sizes of 0 to 13 at which plain ngspice aborts a step."""
-
 # ---- circuits that need a rung -----------------------------------------------------------------------------------
 
 _DIODE = "bx b 0 i = 1e-14*(exp(v(b)/0.02) - 1)"
@@ -163,6 +68,11 @@ LEAP = (
 """
 
 
+def leap_v() -> float:
+    """Return v(leap) after the leap: 1 - v = tanh(200 (v - 1/2))."""
+    return float(mpmath.findroot(lambda v: 1 - v - mpmath.tanh(200 * (v - 0.5)), (0.5026, 0.5028)))
+
+
 def needed_operating_point(rung: str) -> mpmath.mpf:
     """Return v(b) of a circuit of NEEDS in thirty digits."""
     with mpmath.workdps(30):
@@ -182,6 +92,5 @@ def needed_operating_point(rung: str) -> mpmath.mpf:
 # ---- circuits without an answer ----------------------------------------------------------------------------------
 
 FLOATING = ("v1 a 0 1", "c1 a b 1p", "c2 b 0 3p", "r1 a 0 1k")
-LOOP = ("v1 a 0 1", "v2 a 0 2", "r1 a 0 1k")
 RELAY = ("v1 a 0 1", "r1 a 0 1k", "bx c 0 v = v(c) > 0.5 ? 0 : 1")
 LATE_RELAY = ("v1 a 0 1", "r1 a 0 1k", "bx c 0 v = time > 1.5e-6 ? (v(c) > 0.5 ? 0 : 1) : 0.2")

@@ -8,15 +8,19 @@ import multiprocessing
 import re
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from dermis.chip import ladder, spice_batch
+from dermis import plan
+from dermis.chip import ladder, netlist, spice_batch
 from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.errors import SimulatorError
-from tb.programs.hard import decks
+from dermis.scene import scene
+from tb.reference import deck_chip
 from tb.reference import ladder_circuits as circuits
 
 
@@ -31,16 +35,6 @@ def climbed(lines: tuple[str, ...], probe: str = "b") -> tuple[float, list[ladde
     return float(samples[-1]), way.retries, way.level
 
 
-def converter(size: int, foot: int = 0) -> tuple[int, list[ladder.Retry], list[str]]:
-    lines: list[str] = []
-    way = ladder.Climb(f"size {size}", ladder.Level(0, foot), report=lines.append)
-    return (
-        ladder.climb(functools.partial(circuits.count_pulses, circuits.transistor_converter(size)), way),
-        way.retries,
-        lines,
-    )
-
-
 @pytest.mark.parametrize("rung", list(circuits.NEEDS))
 def test_a_start_is_taken_by_the_circuit_that_needs_it_and_by_none_below(rung: str) -> None:
     value, retries, level = apart(climbed, circuits.NEEDS[rung])
@@ -52,23 +46,46 @@ def test_a_start_is_taken_by_the_circuit_that_needs_it_and_by_none_below(rung: s
     assert abs(value - float(circuits.needed_operating_point(rung))) < 1e-6
 
 
-def test_fourteen_transistors_abort_plainly_and_count_exactly_with_capacitance() -> None:
-    pulses, retries, lines = apart(converter, 2)
-    assert pulses == circuits.DUTY * circuits.GATE
-    (retry,) = retries
-    assert (retry.rung, retry.next) == ("plain", "capacitance")
-    assert "Timestep too small" in retry.said
-    assert retry.time_s > 0
-    assert retry.node
-    (line,) = lines
-    assert all(word in line for word in ("size 2", "Timestep too small", "capacitance", "docs/ladder.md"))
+def leap(foot: int) -> tuple[float, list[str | None]]:
+    way = ladder.Climb("leap", ladder.Level(0, foot), report=lambda line: None)
+    deck = Deck(("leap", *circuits.LEAP), (), (), (), ("leap",))
+
+    def attempt(level: ladder.Level) -> float:
+        half = NgspiceHalf(
+            deck, t_edge_s=1e-9, t_max_step_s=1e-6, t_stop_s=1e-4, log=Path("/dev/null"), level=level
+        )
+        samples = [half.advance(k * 1e-6, [])[0] for k in range(101)]
+        return max(abs(sample - circuits.leap_v()) for sample in samples[61:])
+
+    return ladder.climb(attempt, way), [retry.next for retry in way.retries]
+
+
+def test_what_a_node_leaps_by_alternates_with_trapezoids_and_is_gone_with_gear() -> None:
+    error, retries = apart(leap, 0)
+    print(f"capacitance: {error:.2g} V from {circuits.leap_v():.6f} V")
+    assert retries == ["capacitance"]
+    # ngspice's reltol 1e-3 of half a volt
+    assert error < 5e-4
+    error, retries = apart(leap, 2)
+    print(f"gear: {error:.2g} V")
+    assert retries == []
+    # the millionth of a volt that vntol is
+    assert error < 1e-6
 
 
 def own_deck(steps: int, poles: bool) -> tuple[list[int], list[ladder.Retry]]:
-    effects = decks.BENDS if poles else None
-    made = decks.chip("conveyor_mirror", effects=effects, ohms=(500.0, 1275.0, 7.5e3, 1e6))
-    codes, way = decks.read_frame(made, begin=ladder.Level(0, steps))
-    return codes.ravel().tolist(), way.retries
+    bends = {"comparator_delay": {"t_s": 8e-9}, "integrator_bandwidth": {"gbw_hz": 5e6}}
+    data = {
+        "array": {"rows": 1, "cols": 4},
+        "stimulus": {"kind": "uniform", "code": [0]},
+        "effects": bends if poles else {},
+    }
+    made = plan.make(scene.from_data(data, Path("rungs.toml")), "cosim")
+    made = replace(made, resistance_ohm=np.array([[[500.0, 1275.0, 7.5e3, 1e6]]]), force_n=None)
+    deck = netlist.frame_deck(made, 0, deck_chip.levels_of(made))
+    way = ladder.Climb("rungs", ladder.Level(0, steps), report=lambda line: None)
+    read = functools.partial(deck_chip.read_deck, deck, made.timing, made.cols, Path("/dev/null"))
+    return ladder.climb(read, way).ravel().tolist(), way.retries
 
 
 @pytest.mark.parametrize("poles", [False, True])
@@ -154,7 +171,7 @@ def test_a_sample_beyond_the_range_of_numbers_is_an_abort_that_says_so() -> None
 def again() -> tuple[str, float]:
     """An abort in mid-run, then another circuit in the same process."""
     try:
-        circuits.count_pulses(circuits.transistor_converter(2), ladder.PLAIN)
+        sampled(circuits.LATE_RELAY)
     except ladder.Abort as abort:
         said = abort.phase
     samples, way = circuits.lockstep(("v1 a 0 1", "r1 a b 1k", "c1 b 0 1n"), "b", [1e-6])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A hard case: its difficulty, its exact answer with source, and the engines that must find it."""
+"""A hard case, and the engines that must find its exact answer."""
 
 from __future__ import annotations
 
@@ -28,14 +28,11 @@ class Case:
     Parameters
     ----------
     name : str
-        Lower snake case, such as ``between_two_codes``.
+        Its difficulty in lower snake case, such as ``between_two_codes``.
     group : str
-        input, array, converter or circuit.
-    why, expected, source, tolerance : str
-        Difficulty, answer, its independent source, and the reason for `limit`.
+        array or converter.
     runs : mapping
-        Engine -> a module-level function, or a functools.partial of one, for a worker process. A refusal
-        that is expected is an answer as well: Measured(0.0), or 1.0 if it does not come.
+        Engine -> a module-level function, or a functools.partial of one, for a worker process.
     limit, unit : float, str
         |error| <= limit passes; the unit of both.
     limit_s : float
@@ -48,11 +45,7 @@ class Case:
 
     name: str
     group: str
-    why: str
-    expected: str
     runs: Mapping[str, Callable[[], Measured]]
-    source: str
-    tolerance: str
     limit: float = 0.0
     unit: str = "lsb"
     limit_s: float = LIMIT_S

@@ -6,21 +6,19 @@ tb/reference/exact.py.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
 from dermis import plan
 from dermis.chip import hdl
-from dermis.converter import vfc, walk
-from dermis.engines import closed, cosim, event, rtl
+from dermis.converter import walk
+from dermis.engines import closed, cosim, rtl
 from dermis.records import Plan
 from dermis.scene import scene
 from tb.programs.hard.case import Measured
@@ -120,7 +118,10 @@ def _closed(world: World) -> NDArray[Any]:
 
 
 def _event(world: World) -> NDArray[Any]:
-    return event.codes_of(*make_plan(world, "event"))
+    made, x = make_plan(world, "event")
+    cells = walk.cells_of(made, made.converter.gain * x, made.conductance_s())
+    counts, _ = walk.count_cells(cells, made.timing.gate_clocks, made.timing.charge_delay_clocks)
+    return np.minimum(counts, made.timing.code_max)
 
 
 # Parameters of the Verilator build with all effects; an effect that is off has its neutral
@@ -209,128 +210,3 @@ def cells(fields: Mapping[str, float], duties: Sequence[float]) -> Measured:
     found, _ = loop({"x": duties, **{name: [value] * len(duties) for name, value in fields.items()}}, GATE)
     expected = [exact.interval({**exact.IDEAL, **fields, "x": Fraction(x)}, GATE)[0] for x in duties]
     return Measured(float(np.abs(found - expected).max()), f"{found.tolist()}, exactly {expected}")
-
-
-def windows(length: int, times: int) -> Measured:
-    """Compare counts of successive windows of one duty with the walk, and with each other."""
-    duties = [0.1, 1 / 3, math.sqrt(2) / 3, 123 / 510, 0.4999]
-    ends = np.array([loop({"x": duties}, length * n)[0] for n in range(1, times + 1)])
-    counts = np.diff(ends, axis=0, prepend=0)
-    walk = [np.reshape([*vfc.bits_exact(x, length * times)], (times, length)).sum(axis=1) for x in duties]
-    apart = np.abs(counts - np.array(walk, dtype=int).T).max()
-    return Measured(
-        float(max(apart, np.ptp(counts, axis=0).max() - 1)), f"{times} windows of {length} clocks"
-    )
-
-
-def locking(periods: Sequence[int], keep: Fraction, clocks: int, nudge: float) -> Measured:
-    """Compare counts at both edges of every plateau p/q, inside and outside by `nudge`, with fifty
-    digits.
-
-    The leak is the double nearest to -log(keep), for the walk as well, so only the loop's
-    rounding remains.
-    """
-    with mpmath.workdps(exact.DIGITS):
-        leak = float(-mpmath.log(mpmath.mpf(keep.numerator) / keep.denominator))
-        lam = mpmath.exp(-mpmath.mpf(leak))
-        rational = Fraction(int(mpmath.floor(lam * 2**160)), 2**160)
-        places = [
-            (float(edge) * (1 + side * nudge), p, q, side == inward)
-            for q in periods
-            for p, _ in exact.locked(q)
-            for edge, inward in zip(exact.plateau(p, q, rational), (1, -1), strict=True)
-            for side in (inward, -inward)
-        ]
-        duties, same = [place[0] for place in places], [leak] * len(places)
-        found, _ = loop({"x": duties, "leak": same, "across": same}, clocks)
-        worst, where, outside = 0, "", 0
-        for (x, p, q, inside), count in zip(places, found, strict=True):
-            bits = exact.leaky_bits(mpmath.mpf(x), lam, clocks, mpmath.mpf(-0.5))
-            settled = clocks // 2 // q * q  # whole periods, when the start no longer matters
-            locks = sum(bits[-settled:]) == settled // q * p
-            if inside and not locks:
-                return Measured(math.nan, f"the walk does not lock to {p}/{q} inside its plateau")
-            outside += not inside and not locks
-            miss = abs(int(count) - sum(bits))
-            if miss > worst:
-                worst, where = miss, f"x = {x!r}: {count}, exactly {sum(bits)}"
-    return Measured(
-        float(worst), where or f"{outside} of {len(duties) // 2} outside unlock in {clocks} clocks"
-    )
-
-
-def many_clocks(engine: str, clocks: int, duties: Sequence[float]) -> Measured:
-    """Return the largest error of the count, and of the remaining charge, after very many clocks."""
-    found, rest = loop({"x": duties}, clocks) if engine == "event" else (vfc.count(duties, clocks), None)
-    worst = 0.0
-    for i, x in enumerate(duties):
-        ones, charge = exact.count_and_rest(x, clocks)
-        worst = max(worst, float(abs(int(found[i]) - ones)))
-        if rest is not None:
-            # The packet of a one in the last two clocks is still in the integrator.
-            away = abs(Fraction(float(rest[i])) - charge)
-            worst = max(worst, float(min(away, abs(away - 1))))
-    return Measured(worst, f"{len(duties)} duties of {clocks:.0e} clocks")
-
-
-# ---- ripple and jitter -------------------------------------------------------------------------------------------
-
-
-def ripple(frame: int) -> Measured:
-    """Compare the mean duty of two rows under supply ripple in a late frame with fifty digits."""
-    relative, hertz, degrees = 0.9, 100003.0, 30.0
-    data = {
-        "array": {"rows": 2, "cols": 1},
-        "stimulus": {"kind": "uniform", "code": [100]},
-        "effects": {"supply_ripple": {"relative": relative, "frequency_hz": hertz, "phase_deg": degrees}},
-    }
-    made = plan.make(scene.from_data(data, Path("hard.toml")), "event")
-    found = event.run(dataclasses.replace(made, first_frame=frame)).info["x"].ravel()
-    timing, worst = made.timing, 0.0
-    duty = Fraction(made.v_bias_v) / (80 * Fraction(25e-6) * Fraction(float(made.resistance_ohm[0, 0, 0])))
-    turns_a_clock = Fraction(hertz) / Fraction(timing.f_clk_hz)
-    with mpmath.workdps(exact.DIGITS):
-        for row in range(2):
-            clock = (frame * 2 + row) * timing.slot_clocks + timing.settle_clocks
-            begin = (clock * turns_a_clock) % 1
-            turns = (begin, begin + timing.gate_clocks * turns_a_clock)
-            first, last = (
-                2 * mpmath.pi * mpmath.mpf(t.numerator) / t.denominator + mpmath.radians(degrees)
-                for t in turns
-            )
-            swing = (mpmath.cos(first) - mpmath.cos(last)) / (last - first)
-            mean = mpmath.mpf(duty.numerator) / duty.denominator * (1 + mpmath.mpf(relative) * swing)
-            worst = max(worst, abs(float(mean - mpmath.mpf(found[row]))))
-    return Measured(worst)
-
-
-def jitter(t_s: float) -> Measured:
-    """Compare mean and spread of codes under jitter with a walk from edge to edge, in standard
-    errors.
-    """
-    frames, duty, unit_ohm = 40, 100.3 / GATE, 250.0
-    data = {
-        "array": {"rows": 8, "cols": 16},
-        "stimulus": {"kind": "uniform", "r_ohm": [unit_ohm / duty] * frames},
-        "effects": {"clock_jitter": {"t_s": t_s}},
-        "run": {"seed": 11},
-    }
-    made = plan.make(scene.from_data(data, Path("hard.toml")), "event")
-    found = event.run(made).codes.ravel().astype(float)
-    rng = np.random.default_rng(12)
-    edges = np.arange(GATE + 3) + t_s * made.timing.f_clk_hz * rng.standard_normal((found.size, GATE + 3))
-    ones, taken = np.zeros(found.size), np.zeros(found.size)
-    q = np.zeros((3, found.size))  # of this clock and of the two before
-    for n in range(1, GATE + 1):
-        # A one of clock n - 2 has its packet from edge n - 1 to this edge; that of n - 1 begins
-        # here.
-        taken += q[1] * (edges[:, n] - edges[:, n - 1])
-        bit = (-0.5 + duty * edges[:, n] - taken >= 0) & (q[0] == 0)
-        q = np.stack([bit.astype(float), q[0], q[1]])
-        ones += bit
-    apart = abs(found.mean() - ones.mean()) / (math.hypot(found.std(), ones.std()) / math.sqrt(found.size))
-    # The variance of a variance: 2 v^2 / n for either.
-    v = found.var(), ones.var()
-    wider = abs(v[0] - v[1]) / math.sqrt(2 * (v[0] ** 2 + v[1] ** 2) / found.size)
-    note = f"{found.mean():.3f} +- {found.std():.3f} codes, from edge to edge {ones.mean():.3f} +- {ones.std():.3f}"
-    return Measured(float(max(apart, wider)), note)

@@ -10,21 +10,14 @@ from collections.abc import Sequence
 import click
 
 from dermis.errors import InputError
-from dermis.files import write_atomic
-from dermis.places import ROOT
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from scripts import workers
-from tb.programs.hard import converter, decks, inputs, networks
+from tb.programs.hard import converter, networks
 from tb.programs.hard.case import Case, Measured
 
-DOCS = "build/hard_cases.md"
-
-MODULES = {"input": inputs, "array": networks, "converter": converter, "circuit": decks}
+MODULES = {"array": networks, "converter": converter}
 """Group -> module with `cases()`; the quickest first, so that a table is there within seconds."""
-
-FRESH = ("circuit",)
-"""Groups with a new process for each run, as ngspice keeps failed circuits."""
 
 SLOW = ("cosim", "verilator")
 """Runs left out of the short set: processes and builds take seconds, and the tests of these engines
@@ -33,18 +26,8 @@ cover them.
 
 
 def all_cases() -> list[Case]:
-    """Return every case of every module.
-
-    Raises
-    ------
-    ValueError
-        Two cases have the same name.
-    """
-    found = [case for module in MODULES.values() for case in module.cases()]
-    twice = [name for name, count in Counter(case.name for case in found).items() if count > 1]
-    if twice:
-        raise ValueError(f"two hard cases are named {twice[0]}")
-    return found
+    """Return every case of every module."""
+    return [case for module in MODULES.values() for case in module.cases()]
 
 
 def chosen(words: Sequence[str], short: bool) -> list[Case]:
@@ -81,7 +64,7 @@ def run(cases: Sequence[Case], jobs: int, group: str) -> list[Row]:
     with progress.slots(f"hard {group}", len(pairs), "runs") as tell:
         # A generator: the limit depends on the load when a run begins.
         tasks = (workers.Task(case.runs[name], (), case.limit_s * workers.busy()) for case, name in pairs)
-        for done, (number, outcome) in enumerate(workers.run(tasks, jobs, fresh=group in FRESH), 1):
+        for done, (number, outcome) in enumerate(workers.run(tasks, jobs), 1):
             row = rows[number] = row_of(*pairs[number], outcome)
             if row["status"] != "PASS":  # at once, as the rest may take minutes
                 click.echo(f"{row['status']} {row['name']}: {row['value']}: {row['note']}", err=True)
@@ -105,42 +88,17 @@ def row_of(case: Case, engine: str, outcome: workers.Outcome) -> Row:
     return row | {"max": case.limit, "seconds": round(outcome.seconds, 4)}
 
 
-def table(cases: Sequence[Case], rows: Sequence[Row]) -> str:
-    """Return the cases as Markdown, a line each with the errors of its runs."""
-    counts = ", ".join(f"{sum(row['status'] == s for row in rows)} {s}" for s in verdict.COLOURS)
-    lines = [
-        f"{len(cases)} cases, {sum('seconds' in row for row in rows)} runs: {counts}.",
-        "",
-        "| group | case | why it is hard | expected, and source | tolerance | error |",
-        "|---|---|---|---|---|---|",
-    ]
-    for case in cases:
-        own = [row for row in rows if row["name"].startswith(f"{case.group}.{case.name}.")]
-        cells = [case.group, f"`{case.name}`", case.why, f"{case.expected}; {case.source}"]
-        cells += [f"{case.limit:g} {case.unit}: {case.tolerance}", "; ".join(_said(row) for row in own)]
-        lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
-    return "\n".join(lines) + "\n"
-
-
-def _said(row: Row) -> str:
-    value = "" if row["value"] is None else f" {row['value']:.2g}"
-    return f"{row['name'].rpartition('.')[2]}{value} {row['status']}"
-
-
 @click.command("hard")
 @click.option(
     "--only", multiple=True, metavar="WORD", help="Cases with WORD in their name, or a group (repeatable)."
 )
 @click.option("--short", is_flag=True, help="Run the short set of the tests.")
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Parallel runs.")
-@click.option("--docs", is_flag=True, help=f"Require a whole run, which writes {DOCS}.")
 @click.option("--list", "listed", is_flag=True, help="List the cases and run nothing.")
-def hard_command(only: tuple[str, ...], short: bool, jobs: int, docs: bool, listed: bool) -> int:
+def hard_command(only: tuple[str, ...], short: bool, jobs: int, listed: bool) -> int:
     """Run hard cases in every engine that can express them, against exact answers; rows in
     build/hard.json.
     """
-    if docs and (only or short):
-        raise InputError("command line", "--docs", "with --only or --short", "a whole run")
     cases = chosen(only, short)
     if listed:
         for case in cases:
@@ -152,7 +110,4 @@ def hard_command(only: tuple[str, ...], short: bool, jobs: int, docs: bool, list
         verdict.print_rows(found, f"Hard cases: {group}")
         rows += found
     verdict.write_rows("hard", rows)
-    if not (only or short):
-        write_atomic(ROOT / DOCS, table(cases, rows))
-        click.echo(f"written: {DOCS}")
     return verdict.exit_code(rows)
