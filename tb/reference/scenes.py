@@ -5,8 +5,7 @@ ends of ranges.
 ``random_scene(random.Random(7), PROFILES["auto"])`` returns a `World`: the tables of a scene file
 in ``scene``, its csv files in ``files``, its changes of the design in ``design``.
 ``world.read(directory)`` writes the files and loads the scene, ``world.plan(directory, engine)``
-plans it. `worlds` is the same generator as a Hypothesis strategy, so that a failing scene is
-shrunk.
+plans it.
 """
 
 from __future__ import annotations
@@ -30,9 +29,6 @@ from dermis.scene import scene as scenes
 from dermis.scene.design import TOPOLOGIES, Design
 from dermis.scene.design import load as load_design
 from dermis.scene.schema import write_toml
-
-if typing.TYPE_CHECKING:
-    from hypothesis.strategies import SearchStrategy
 
 Data = dict[str, Any]
 Rng = random.Random
@@ -114,8 +110,6 @@ class Profile:
         Effects that draw numbers; changed clocks and bits; parameters such as 1e30; stimuli other than resistances.
     often : tuple of float
         Shares of effects that are on, one of them is drawn.
-    few : float
-        Share of scenes with one to four effects, drawn further: they show what many effects hide.
     auto : float
         Share of scenes with `auto`.
     budgets : tuple of float
@@ -131,7 +125,6 @@ class Profile:
     extremes: bool = True
     stimuli: bool = True
     often: tuple[float, ...] = (0.0, 0.05, 0.15, 0.4, 0.8)
-    few: float = 1 / 6
     auto: float = 0.0
     budgets: tuple[float, ...] = (0.0, 0.05, 0.25, 0.5, 2.0)
     gentle: bool = False
@@ -162,7 +155,6 @@ PROFILES = {
         designs=False,
         extremes=False,
         often=(0.7,),
-        few=0.0,
         auto=1.0,
         budgets=(0.0,),
         gentle=True,
@@ -177,11 +169,6 @@ KINDS = ("indenter", "slip", "tapping", "ramp", "several", "uniform", "frames", 
 _LARGER_IS_WEAKER = ("gain_dc", "gbw_hz", "r_in_ohm", "r_out_ohm")
 _LEVELS = ("v_max_v", "v_min_v", "v_overdrive_v", "temperature_c", "frequency_hz")
 _EXTREMES = (0.0, 1e-30, 1e-21, 1e-12, 1e-6, 1.0, 1e3, 1e9, 1e15, 1e21, 1e30)
-# With few effects on, these go as many decades further up: capacitances, currents that bend or come
-# late, ripple.
-_FURTHER = {"line_capacitance": 4.5, "range_switch": 1.5, "mirror_lag": 1.5, "supply_ripple": 2.5}
-_AT_MOST = {"supply_ripple.relative": 1.0}
-_DUTIES = ((0.4, 1e4), (0.45, 0.7), (1e-3, 1.0))
 # Clocks of a gate beyond two a count: none, an odd one, those of gates of 511 and 512 clocks, many.
 _BEYOND = (0, 1, 2, 3, 90, 290)
 # In topology direct a column couples to others by the first and loads its integrator by the second;
@@ -198,67 +185,46 @@ def random_scene(rng: Rng, profile: Profile) -> World:
     """Return a random world within the limits of a profile, a function of the state of `rng`
     alone.
     """
-    few = rng.random() > 1.0 - profile.few
-    (rows, cols), base = _size(rng, profile, few), load_design()
-    design = (
-        _design(rng, 300 if few else 5) if profile.designs and rng.random() > (0.0 if few else 0.6) else {}
+    rows, cols = (
+        rng.randint(*ends) for ends in rng.choices(list(profile.sizes), list(profile.sizes.values()))[0]
     )
+    design = _design(rng) if profile.designs and rng.random() > 0.6 else {}
     topology = rng.choice(TOPOLOGIES)
     interface = _interface(rng, topology, design, profile)
     frames = rng.choice(profile.frames)
-    scene: Data = {"array": {"rows": rows, "cols": cols}}
+    scene: Data = {
+        "array": {"rows": rows, "cols": cols},
+        "sensor": {"law": rng.choice(("inverse",) * 4 + ("power",))},
+    }
     files: dict[str, list[list[float]]] = {}
-    kind = rng.choice(KINDS) if profile.gentle or rng.random() > 0.65 else "resistance"
-    if not profile.stimuli or few:
+    if profile.stimuli and (profile.gentle or rng.random() > 0.65):
+        kind = rng.choice(KINDS)
+    else:
         kind = "resistance"
-    if kind != "resistance" or not few:
-        scene["sensor"] = {"law": rng.choice(("inverse",) * 4 + ("power",))}
     if kind == "resistance":
-        gate = design.get("timing", {}).get("gate_clocks", base.timing.gate_clocks)
+        gate = design.get("timing", {}).get("gate_clocks", load_design().timing.gate_clocks)
         scene["stimulus"] = {"kind": kind, "file": "taxels.csv"}
-        ohm = _taxel(rng, _unit_ohm(interface), gate, profile, few)
+        ohm = _taxel(rng, _unit_ohm(interface), gate, profile)
         files["taxels.csv"] = [[ohm() for _ in range(cols)] for _ in range(frames * rows)]
     else:
         scene["stimulus"] = _stimulus(rng, kind, rows, cols, max(frames, 2), files)
-    on = _few_effects(rng, topology, profile) if few else _effects(rng, topology, cols, profile)
-    if rng.random() > 1.0 - max(profile.auto, float(few and profile.auto > 0)):
-        on = {"auto": {"budget_lsb": rng.choice(profile.budgets)}} | _off(profile, few) | on
+    on = _effects(rng, topology, cols, profile)
+    if rng.random() > 1.0 - profile.auto:
+        # `auto` takes effects without an entry at their defaults.
+        off = {e.name: False for e in effects.EFFECTS.values() if e.considered and e.random > profile.noise}
+        on = {"auto": {"budget_lsb": rng.choice(profile.budgets)}} | off | on
     if profile.gentle:
         _gentle(rng, topology, on)
     scene |= {"interface": interface, "effects": on, "run": {"seed": rng.getrandbits(31)}}
     return World(scene, design, files)
 
 
-def worlds(profile: Profile) -> SearchStrategy[World]:
-    """Return a Hypothesis strategy of random worlds."""
-    from hypothesis import strategies
-
-    return strategies.builds(
-        random_scene, strategies.randoms(use_true_random=False), strategies.just(profile)
-    )
-
-
-def _off(profile: Profile, few: bool) -> Data:
-    """Return effects that are off: `auto` takes effects without an entry at their defaults."""
-    return {
-        e.name: False for e in effects.EFFECTS.values() if e.considered and (few or e.random > profile.noise)
-    }
-
-
-def _size(rng: Rng, profile: Profile, few: bool) -> tuple[int, int]:
-    sizes = _SMALL if few and ((1, 4), (1, 4)) in profile.sizes else profile.sizes
-    rows, cols = rng.choices(list(sizes), list(sizes.values()))[0]
-    return rng.randint(*rows), rng.randint(*cols)
-
-
-def _design(rng: Rng, longest_break: int) -> dict[str, Data]:
+def _design(rng: Rng) -> dict[str, Data]:
     """Return another clock, other bits, and a gate and a slot that fit them."""
     base = load_design()
     bits = rng.choice((1, 2, 3, 5, 7, 8, 8, 8, 9, 10))
     gate = 2 * (2**bits - 1) + rng.choice(_BEYOND)
-    pause = rng.randint(1, 5)
-    if longest_break > 5 and rng.random() < 0.5:
-        pause = int(number(rng, 5, longest_break))
+    pause = rng.choice((rng.randint(1, 5), int(number(rng, 5, 300))))
     slot = gate + pause + rng.choice((2, 3, 10, 115))
     f_clk_hz = base.converter.f_clk_hz * rng.choice((0.01, 0.2, 1.0, 1.0, 4.0))
     return {
@@ -290,17 +256,14 @@ def _unit_ohm(interface: Data) -> float:
     return interface.get("v_bias_v", base.interface.v_bias_v) / current
 
 
-def _taxel(rng: Rng, unit: float, gate: int, profile: Profile, few: bool) -> Callable[[], float]:
+def _taxel(rng: Rng, unit: float, gate: int, profile: Profile) -> Callable[[], float]:
     """Return a function that draws the resistance of a taxel in ohm."""
-    low, high = rng.choices(_DUTIES, (0.5, 0.2, 0.3))[0]
     way, shorts = rng.random(), rng.random() > 0.7
-    share = rng.choice((0.05, 0.3, 0.9)) if shorts and profile.stimuli and not few else 0.0
+    share = rng.choice((0.05, 0.3, 0.9)) if shorts and profile.stimuli else 0.0
 
     def ohm() -> float:
         if share and rng.random() < share:
             return math.inf if profile.gentle else rng.choice((0.0, math.inf))
-        if few:
-            return unit / number(rng, low, high)
         if way < 0.45 or profile.gentle:
             return unit / number(rng, 2.75e-3, 0.55)
         if way < 0.6:  # on a threshold between two codes, or an ulp from it
@@ -351,22 +314,6 @@ def _effects(rng: Rng, topology: str, cols: int, profile: Profile) -> Data:
                 value = [value * rng.choice((effect.signs(key)[0], 0.25, 0.5, 1)) for _ in range(cols)]
             on[name][key] = value
     return on
-
-
-def _few_effects(rng: Rng, topology: str, profile: Profile) -> Data:
-    all_of = _parameters(topology)
-    names = [
-        name
-        for name, effect in effects.EFFECTS.items()
-        if name in all_of and not effect.random and effect.considered
-    ]
-    on: Data = {}
-    for name in rng.sample(names, rng.randint(1, 4)):
-        on[name] = {key: _value(rng, name, key) for key in all_of[name]}
-        for key in on[name] if name in _FURTHER else ():
-            further = on[name][key] * number(rng, 1.0, 10.0 ** _FURTHER[name])
-            on[name][key] = min(further, _AT_MOST.get(f"{name}.{key}", math.inf))
-    return on | ({"motion": True} if rng.random() > 0.8 else {})
 
 
 def _listed(name: str, key: str) -> bool:

@@ -5,11 +5,10 @@ continues.
 
 from __future__ import annotations
 
-import hashlib
 import random
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,23 +16,20 @@ from typing import Any
 import click
 
 from dermis.errors import InputError
-from dermis.files import write_atomic, write_between
+from dermis.files import write_atomic
 from dermis.places import BUILD, ROOT
 from dermis.report import verdict
 from dermis.report.progress import slots
 from scripts import workers
 from scripts.checkpoint import Checkpoint, stamp
 from tb.programs.campaign import laws, search
-from tb.programs.campaign.shrink import shrink
-from tb.programs.tables import markdown
 from tb.reference.scenes import PROFILES, World, random_scene
 
-STATE = ROOT / "build" / "campaign"
+STATE = BUILD / "campaign"
 FOUND = ROOT / "tb" / "programs" / "campaign" / "found"
 CODE = ROOT / "tb" / "programs" / "campaign", ROOT / "tb" / "reference"
-DOCS = BUILD / "campaign.md"
-# Seconds to shrink one example, and examples stored of each law.
-_SHRINK_S, _EXAMPLES = 120.0, 4
+_EXAMPLES = 4
+"""Examples stored of each law."""
 
 
 @dataclass(frozen=True)
@@ -95,77 +91,38 @@ def run_scenes(engines: str, seed: int, first: int, stop: int) -> dict[str, Any]
 
 def run(engines: str, seed: int, scenes: int, store: Checkpoint, processes: int) -> Tally:
     """Run the scenes that have no piece yet; tasks that hang or crash run again scene by scene."""
-    size = SIZES[engines]
+    size, total = SIZES[engines], Tally()
 
-    def name(first: int, stop: int) -> str:
-        return f"{first}-{stop}"
+    def tasks(ends: Iterable[tuple[int, int]], limit_s: float) -> dict[str, workers.Task]:
+        return {f"{a}-{b}": workers.Task(run_scenes, (engines, seed, a, b), limit_s) for a, b in ends}
 
+    # Most scenes take milliseconds: a task has the time of a few that compile first.
     ends = [(first, min(first + size.task, scenes)) for first in range(0, scenes, size.task)]
-    done = sum(stop - first for first, stop in ends if name(first, stop) in store.pieces)
-    if done:
-        click.echo(f"{done} scenes are there from an earlier run; --fresh starts anew", err=True)
+    every = tasks(ends, 4.0 * size.limit_s)
     with slots(f"campaign {engines}", scenes, "scenes") as show:
 
-        def on_done(piece: str) -> None:
-            nonlocal done
-            done += store.pieces[piece]["counts"]["worlds"] if piece in store.pieces else 0
-            show(done)
+        def on_done(name: str) -> None:
+            show(sum(store.pieces[n]["counts"]["worlds"] for n in every if n in store.pieces))
 
-        # Most scenes take milliseconds: a task has the time of a few that compile first.
-        tasks = {name(*e): workers.Task(run_scenes, (engines, seed, *e), 4.0 * size.limit_s) for e in ends}
-        lost = store.run(tasks, processes, on_done)
-        single = [(n, n + 1) for first, stop in ends if name(first, stop) in lost for n in range(first, stop)]
-        alone = {name(*e): workers.Task(run_scenes, (engines, seed, *e), size.limit_s) for e in single}
+        lost = [every.pop(name).arguments[2:] for name in store.run(every, processes, on_done)]
+        alone = tasks([(n, n + 1) for first, stop in lost for n in range(first, stop)], size.limit_s)
         for piece, fault in store.run(alone, processes, on_done).items():
             violation = (int(piece.partition("-")[0]), "ends", fault)
             store.put(piece, {"counts": {"worlds": 1}, "broken": [violation]})
-        for first, stop in ends:
-            if name(first, stop) in lost:
-                whole = Tally()
-                for n in range(first, stop):
-                    whole.add(store.pieces.pop(name(n, n + 1)))
-                store.put(name(first, stop), {"counts": dict(whole.counts), "broken": whole.broken})
-    total = Tally()
-    for first, stop in ends:
-        total.add(store.pieces[name(first, stop)])
+    for name in (*every, *alone):
+        total.add(store.pieces[name])
     return total
 
 
-def shrunk(engines: str, seed: int, number: int, law: str, line: str) -> str:
-    """Return the smallest scene that breaks a law in the same way, as text of a case, in a
-    worker.
-    """
-    world = replace(scene_of(engines, seed, number), why=f"{law}: {line}")
-
-    def kind(one: World) -> str | None:
-        try:
-            said = [line for name, line in laws.judge(one, engines, number, [law]).broken if name == law]
-        except InputError:  # the candidate is no scene
-            return None
-        # An exception must stay the same exception.
-        head = said[0].partition(":")[0] if said else None
-        return head if head is None or "Error" in head else "broken"
-
-    wanted = kind(world) if law != "ends" else None
-    return (world if wanted is None else shrink(world, lambda w: kind(w) == wanted, _SHRINK_S)).to_toml()
-
-
-def store_cases(engines: str, seed: int, total: Tally, where: Path, processes: int) -> list[Path]:
-    """Shrink the first examples of each broken law and store them as cases."""
-    by_law: dict[str, list[tuple[int, str, str]]] = {}
-    for one in sorted(total.broken):
-        by_law.setdefault(one[1], []).append(one)
-    chosen = [one for examples in by_law.values() for one in examples[:_EXAMPLES]]
-    tasks = [workers.Task(shrunk, (engines, seed, *one), 3.0 * _SHRINK_S) for one in chosen]
-    paths = []
-    for index, outcome in workers.run(tasks, processes):
-        number, law, line = chosen[index]
-        # A scene that hangs or crashes does so while it is shrunk too: it is stored as it was
-        # drawn.
-        text = outcome.value or replace(scene_of(engines, seed, number), why=f"{law}: {line}").to_toml()
-        paths.append(where / f"{law}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.toml")
-        write_atomic(paths[-1], text)
-    return paths
+def store_cases(engines: str, seed: int, total: Tally, where: Path) -> list[Path]:
+    """Store the first examples of each broken law as cases, as they were drawn."""
+    by_law: dict[str, list[Path]] = {}
+    for number, law, line in sorted(total.broken):
+        paths = by_law.setdefault(law, [])
+        if len(paths) < _EXAMPLES:
+            paths.append(where / f"{law}_{engines.replace(',', '_')}_{seed}_{number}.toml")
+            write_atomic(paths[-1], replace(scene_of(engines, seed, number), why=f"{law}: {line}").to_toml())
+    return [path for paths in by_law.values() for path in paths]
 
 
 def rows(engines: str, seed: int, scenes: int, total: Tally) -> Iterator[verdict.Row]:
@@ -204,13 +161,12 @@ def rows(engines: str, seed: int, scenes: int, total: Tally) -> Iterator[verdict
     default="closed,event",
     show_default=True,
     type=click.Choice(sorted(laws.ENGINES)),
-    help="closed and event against each other and the laws; rtl or cosim against event; auto against cosim.",
+    help="closed and event against each other and the laws; rtl or cosim against event.",
 )
 @click.option("--resume/--fresh", default=True, show_default=True, help="Continue a killed campaign.")
 @click.option(
     "--processes", default=2, show_default=True, type=click.IntRange(1, 256), help="Worker processes."
 )
-@click.option("--docs", is_flag=True, help="Write the record to build/campaign.md.")
 @click.option("--short", is_flag=True, help="Run a few scenes.")
 @click.option("--found", type=click.Path(file_okay=False), default=str(FOUND), help="Directory of new cases.")
 def campaign_command(
@@ -219,7 +175,6 @@ def campaign_command(
     engines: str,
     resume: bool,
     processes: int,
-    docs: bool,
     short: bool,
     found: str,
 ) -> int:
@@ -228,13 +183,11 @@ def campaign_command(
     """
     if short and scenes is not None:
         raise InputError("command line", "--short and --scenes", scenes, "one of the two")
-    if short and docs:
-        raise InputError("command line", "--short and --docs", "both", "one of the two")
     size, name = SIZES[engines], engines.replace(",", "_")
     many = size.short if short else scenes or size.whole
     store = Checkpoint(STATE / f"{name}_{seed}.json", stamp(*CODE), fresh=not resume)
     total = run(engines, seed, many, store, processes)
-    cases = store_cases(engines, seed, total, Path(found), processes)
+    cases = store_cases(engines, seed, total, Path(found))
     judged = list(rows(engines, seed, many, total))
     if engines == "closed,event" and (short or scenes is None):
         judged += search.run(seed, short, store, processes)
@@ -242,7 +195,4 @@ def campaign_command(
     verdict.print_rows(judged, f"{many} random scenes, engines {engines}")
     for path in cases:
         click.echo(f"new case: {path}")
-    if docs:
-        marks = f"<!-- begin: {name} (written by dermis campaign --docs) -->", f"<!-- end: {name} -->"
-        write_between(DOCS, *marks, markdown(judged))
     return verdict.exit_code(judged)
