@@ -23,7 +23,6 @@ import numpy as np
 from dermis import engines
 from dermis.engines import cosim
 from dermis.errors import InputError, SimulatorError
-from dermis.files import write_between
 from dermis.places import ROOT
 from dermis.processes import children
 from dermis.records import Plan
@@ -34,16 +33,7 @@ from tb.programs.bench import circuit as circuits
 from tb.programs.bench import engines as engine_rows
 from tb.programs.bench import peers
 from tb.programs.bench.circuit import Circuit, Job, Run
-from tb.programs.bench.measure import busy_row, markdown, random_plan, time_limit
-
-DOCS = "docs/benchmarks.md"
-BEGIN, END = "<!-- begin: bench (written by dermis bench --docs) -->", "<!-- end: bench -->"
-SHOWN = (
-    "cosim.edge_error_v.step_1u", "cosim.clocks_per_s", "cosim.speed_ratio.xspice", "peer.xspice.edge_error_v.step_1u",
-    "cosim.frame_s", "closed.frames_per_s.series", "closed.speed_ratio.badcrossbar", "event.frames_per_s",
-    "rtl.frames_per_s.verilator", "array.exponent",
-)  # fmt: skip
-"""Rows of the table in the documentation; build/bench.json has all."""
+from tb.programs.bench.measure import busy_row, random_plan, time_limit
 
 STEPS = {"step_10n": 10e-9, "step_100n": 100e-9, "step_1u": 1e-6}
 RUN_LIMIT_S = 60.0
@@ -82,10 +72,8 @@ def machine_rows(m: Measurements) -> Iterator[Row]:
 
 def accuracy_rows(m: Measurements) -> Iterator[Row]:
     """Compare the integrator at the clock edges, and the count, with the exact solution."""
-    held = Job(replace(CIRCUIT, preset=True), keep=True)
     kinds = {name: (Job(CIRCUIT, step, keep=True), "Icarus") for name, step in STEPS.items()}
-    kinds["preset"] = held, "step 1 us, started by the preset switch as on the chip, Icarus"
-    kinds[VERILATOR] = replace(held, simulator=VERILATOR), "the same in Verilator"
+    kinds[VERILATOR] = Job(CIRCUIT, keep=True, simulator=VERILATOR), "step 1 us, Verilator"
     for name, (job, note) in kinds.items():
         run = m.measure(job)
         note = f"{CIRCUIT.clocks} clocks; {note}, {run.rate:.0f} clocks/s with every sample kept"
@@ -96,10 +84,6 @@ def accuracy_rows(m: Measurements) -> Iterator[Row]:
 
 def _peer_rows(peer: str, run: Callable[..., peers.PeerRun], m: Measurements) -> Iterator[Row]:
     for name, step_s in STEPS.items():
-        if m.quick and name == "step_10n" and peer != "xspice":
-            yield verdict.skip(f"peer.{peer}.edge_error_v.{name}", "left out by --quick", "V")
-            yield verdict.skip(f"peer.{peer}.count_error.{name}", "left out by --quick", "pulses")
-            continue
         done = run(CIRCUIT, step_s, PEER_CLOCKS[name], m.place(), RUN_LIMIT_S)
         note = f"{done.clocks} clocks in {done.seconds:.3g} s"
         yield verdict.report(f"peer.{peer}.edge_error_v.{name}", done.error_v, "V", note)
@@ -133,7 +117,7 @@ def speed_rows(m: Measurements) -> Iterator[Row]:
 def guest_rows(peer: str, m: Measurements) -> Iterator[Row]:
     """Measure a simulator that may be installed: error at three steps, clocks a second at 1 us."""
     if reason := peers.missing(peer):
-        yield from (verdict.skip(name, reason) for name in guest_names(peer))
+        yield verdict.skip(f"peer.{peer}", reason)
         return
     yield from _peer_rows(peer, peers.GUESTS[peer], m)
     few, many, rates = 100, 4000, []  # starts differ by 10 ms, and 3900 clocks take 0.5 s or more
@@ -145,12 +129,6 @@ def guest_rows(peer: str, m: Measurements) -> Iterator[Row]:
         rates.append((many - few) / (long_s - short_s))
     note = f"step 1 us, Icarus, waveform kept, without the start; {peers.PIP[peer]}"
     yield verdict.median(f"peer.{peer}.clocks_per_s", rates, "1/s", note)
-
-
-def guest_names(peer: str) -> tuple[str, ...]:
-    """Return the rows of a simulator that may be installed."""
-    errors = _names(f"peer.{peer}.edge_error_v", f"peer.{peer}.count_error")
-    return (*errors, f"peer.{peer}.clocks_per_s")
 
 
 def frame_rows(m: Measurements) -> Iterator[Row]:
@@ -194,66 +172,36 @@ def setup_rows(m: Measurements) -> Iterator[Row]:
 
 @dataclass(frozen=True)
 class Section:
-    """Measurements made together: their rows and time limit."""
+    """Measurements made together: the rows, or heads of rows, that they make, and their time limit."""
 
     names: tuple[str, ...]
     make: Callable[[Measurements], Iterator[Row]]
     limit_s: float
 
 
-def _names(*heads: str, kinds: Sequence[str] = tuple(STEPS)) -> tuple[str, ...]:
-    return tuple(f"{head}.{kind}" for head in heads for kind in kinds)
-
-
 def _of_engines(make: Callable[..., Iterator[Row]], limit_s: float, *names: str) -> Section:
     return Section(names, lambda m: make(m.work, m.repeat, m.quick), limit_s)
 
 
-CLOSED, FRAME, EXPONENT = "closed.frames_per_s", "cosim.frame_s", "array.exponent"
 SECTIONS = (
-    Section(("machine.cores", "machine.busy_cores"), machine_rows, 60),
-    Section(
-        _names("cosim.edge_error_v", "cosim.count_error", kinds=(*STEPS, "preset", VERILATOR)),
-        accuracy_rows,
-        300,
-    ),
-    Section(_names("peer.xspice.edge_error_v", "peer.xspice.count_error"), xspice_rows, 180),
-    Section(
-        (
-            *_names("cosim.clocks_per_s", kinds=(ICARUS, VERILATOR)),
-            "peer.xspice.clocks_per_s",
-            "cosim.speed_ratio.xspice",
-        ),
-        speed_rows,
-        300,
-    ),
-    *(Section(guest_names(peer), functools.partial(guest_rows, peer), 300) for peer in peers.GUESTS),
-    Section(
-        (FRAME, *_names(FRAME, kinds=(VERILATOR, "two_cores", "exact_half")), "cosim.frame_code_error_lsb"),
-        frame_rows,
-        600,
-    ),
-    _of_engines(engine_rows.closed_rows, 180, CLOSED, f"{CLOSED}.series", f"{CLOSED}.trace"),
+    Section(("machine",), machine_rows, 60),
+    Section(("cosim.edge_error_v", "cosim.count_error"), accuracy_rows, 300),
+    Section(("peer.xspice.edge_error_v", "peer.xspice.count_error"), xspice_rows, 180),
+    Section(("cosim.clocks_per_s", "peer.xspice.clocks_per_s", "cosim.speed_ratio.xspice"), speed_rows, 300),
+    *(Section((f"peer.{peer}",), functools.partial(guest_rows, peer), 300) for peer in peers.GUESTS),
+    Section(("cosim.frame_s", "cosim.frame_code_error_lsb"), frame_rows, 600),
+    _of_engines(engine_rows.closed_rows, 180, "closed.frames_per_s"),
     _of_engines(engine_rows.badcrossbar_rows, 180, *engine_rows.BADCROSSBAR_ROWS),
-    _of_engines(
-        engine_rows.event_rows,
-        300,
-        "event.frames_per_s.ideal",
-        "event.frames_per_s.all_effects",
-        "event.cost_per_taxel_ratio",
-    ),
-    _of_engines(engine_rows.off_rows, 120, "effects_off.time_ratio", "effects_off.time_ratio.closed"),
-    _of_engines(engine_rows.exponent_rows, 300, EXPONENT, f"{EXPONENT}.trace"),
-    _of_engines(engine_rows.rtl_rows, 300, *_names("rtl.frames_per_s", kinds=(VERILATOR, ICARUS))),
-    _of_engines(engine_rows.batch_rows, 300, "batch.speed_ratio.two_processes"),
+    _of_engines(engine_rows.event_rows, 300, "event.frames_per_s", "event.cost_per_taxel_ratio"),
+    _of_engines(engine_rows.off_rows, 120, "effects_off.time_ratio"),
+    _of_engines(engine_rows.exponent_rows, 300, "array.exponent"),
+    _of_engines(engine_rows.rtl_rows, 300, "rtl.frames_per_s"),
     Section(("setup.second_call_s",), setup_rows, 1800),
 )
 
 
 def run_section(section: Section, m: Measurements) -> list[Row]:
-    """Return the rows of a section; rows that a failure prevented are ERROR rows with its
-    reason.
-    """
+    """Return the rows of a section, and an ERROR row for each name of which a failure left no row."""
     rows: list[Row] = []
     reason = "not measured"
     try:
@@ -262,47 +210,42 @@ def run_section(section: Section, m: Measurements) -> list[Row]:
                 rows.append(row)
     except Exception as error:  # the other sections still run
         reason = f"{type(error).__name__}: {error}"
-    made = {row["name"] for row in rows}
-    return rows + [verdict.error(name, reason) for name in section.names if name not in made]
+    else:
+        return rows
+    missing = [name for name in section.names if not any(row["name"].startswith(name) for row in rows)]
+    return rows + [verdict.error(name, reason) for name in missing or section.names[-1:]]
 
 
 def chosen(only: Sequence[str]) -> list[Section]:
-    """Return the sections with a row of one of the names, or of a name below it; all sections
-    without names.
-    """
-
-    def fits(name: str, wanted: str) -> bool:
-        return name == wanted or name.startswith(wanted + ".")
-
-    known = [name for section in SECTIONS for name in section.names]
-    for wanted in only:
-        if not any(fits(name, wanted) for name in known):
-            heads = ", ".join(sorted({".".join(name.split(".")[:2]) for name in known}))
-            raise InputError("command line", "--only", wanted, f"a row, or the beginning of one: {heads}")
-    return [s for s in SECTIONS if not only or any(fits(name, w) for name in s.names for w in only)]
-
-
-def write_docs(rows: Sequence[Row], root: Path = ROOT) -> None:
-    """Put the table between its marks in docs/benchmarks.md.
+    """Return the sections that make the rows of some names, or all sections.
 
     Raises
     ------
     InputError
-        The marks are missing.
+        A name is none.
     """
-    machine = next((row["note"] for row in rows if row["name"] == "machine.cores"), "machine unknown")
-    write_between(root / DOCS, BEGIN, END, f"Machine: {machine}.\n\n{markdown(rows, SHOWN)}")
+
+    def fits(name: str, wanted: str) -> bool:
+        return f"{name}.".startswith(f"{wanted}.") or f"{wanted}.".startswith(f"{name}.")
+
+    known = [name for section in SECTIONS for name in section.names]
+    for wanted in only:
+        if not any(fits(name, wanted) for name in known):
+            raise InputError("command line", "--only", wanted, f"a row of {', '.join(known)}")
+    return [s for s in SECTIONS if not only or any(fits(name, w) for name in s.names for w in only)]
 
 
 @click.command("bench")
 @click.option("--quick", is_flag=True, help="Fewer repetitions; not for the documentation.")
 @click.option("--repeat", type=click.IntRange(min=1), help="Runs of each median; default 5, with --quick 2.")
-@click.option("--only", multiple=True, metavar="NAME", help="Only rows NAME and NAME.* (repeatable).")
-@click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS}.")
-def bench_command(quick: bool, repeat: int | None, only: tuple[str, ...], docs: bool) -> int:
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="NAME",
+    help="Only what makes the rows NAME and NAME.* (repeatable).",
+)
+def bench_command(quick: bool, repeat: int | None, only: tuple[str, ...]) -> int:
     """Measure accuracy and speed; rows in build/bench.json, with --only these rows alone."""
-    if docs and (quick or only):
-        raise InputError("command line", "--docs", "with --quick or --only", "a whole run")
     sections = chosen(only)
     base = ROOT / "build" / "bench"
     base.mkdir(parents=True, exist_ok=True)
@@ -320,9 +263,4 @@ def bench_command(quick: bool, repeat: int | None, only: tuple[str, ...], docs: 
         click.echo(f"decks and logs of failed measurements are in {work}")
     else:
         shutil.rmtree(work, ignore_errors=True)
-    if docs and broken:
-        click.echo(f"not written: {DOCS}, because {broken[0]} was not measured")
-    elif docs:
-        write_docs(rows)
-        click.echo(f"written: {DOCS}")
     return verdict.exit_code(rows)

@@ -2,8 +2,7 @@
 """One converter: dermis_top with one column in lock-step with a circuit whose exact solution is
 known.
 
-A job runs in a process of its own. The HDL simulator loads this module again as the cocotb test; a
-job without a simulator drives ngspice alone.
+A job runs in a process of its own. The HDL simulator loads this module again as the cocotb test.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from mpmath import mp, mpf
 from numpy.typing import NDArray
 
 from dermis.chip import bridge, hdl, netlist
-from dermis.chip.analog import AnalogHalf, Edge
+from dermis.chip.analog import Edge
 from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.chip.spice_text import spice_number
 from dermis.converter.vfc import count_rational
@@ -47,9 +46,8 @@ OPTIONS = netlist.options(pole=False)
 class Circuit:
     """The circuit of the benchmark: 1 uA into 10 pF for 1 us is a packet of 0.1 V.
 
-    The circuit starts where the row is driven, `break_clocks` after the slot of the chip. Without a
-    preset the integrator starts above half a packet and is at w = -1/2 when the gate opens. With
-    `preset` it is held at half a packet until then, as on the chip. With `t_gbw_s` the amplifier's
+    The circuit starts where the row is driven, `break_clocks` after the slot of the chip. The
+    integrator starts above half a packet and is at w = -1/2 when the gate opens. With `t_gbw_s` the amplifier's
     output follows the charge with this time constant, 1 / (2 pi gain-bandwidth).
     """
 
@@ -61,7 +59,6 @@ class Circuit:
     settle_clocks: int = 8
     gate_clocks: int = 1000
     break_clocks: int = 1
-    preset: bool = False
     t_gbw_s: float = 0.0
 
     @property
@@ -106,14 +103,9 @@ class Circuit:
         return Fraction(repr(self.i_in_a)) / Fraction(repr(self.i0_a))
 
     @property
-    def first(self) -> int:
-        """Clock at which integration starts."""
-        return self.settle_clocks if self.preset else 0
-
-    @property
     def v_start_v(self) -> float:
-        """Integrator at clock `first`: half a packet at the opening of the gate."""
-        return (0.5 + float(self.duty) * (self.settle_clocks - self.first)) * self.packet_v
+        """Integrator at clock 0: half a packet at the opening of the gate."""
+        return (0.5 + float(self.duty) * self.settle_clocks) * self.packet_v
 
     @property
     def pulses(self) -> int:
@@ -165,25 +157,23 @@ def deck(
 ) -> Deck:
     """Return the circuit for lock-step; probes are the comparator, then the integrator."""
     names = netlist.source_names(1, 1)
-    nodes = ["d_row0", "d_hold" if circuit.preset else "d_preset", "d_charge"]
+    nodes = ["d_row0", "d_preset", "d_charge"]
     lines = ["one converter", *blocks(circuit, packet_error, options)]
     lines += [f"{name} {node} 0 external" for name, node in zip(names, nodes, strict=True)]
-    if not circuit.preset:
-        lines += start_lines(circuit)
-    abrupt = (False, circuit.preset, False)
-    return Deck(tuple(lines), names, tuple(levels), abrupt, ("comp0", "xvfc.v_int"))
+    lines += start_lines(circuit)
+    return Deck(tuple(lines), names, tuple(levels), (False,) * 3, ("comp0", "xvfc.v_int"))
 
 
 @mp.workdps(50)
 def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -> Floats:
-    """Return the integrator voltage at the clocks first, first + 1, ... of the exact solution, in 50
+    """Return the integrator voltage at the clocks 0, 1, ... of the exact solution, in 50
     digits.
 
     Parameters
     ----------
     circuit : Circuit
     charge : array_like of 0 and 1
-        State of the charge switch at each clock from `first` on; it was off before. A switch that changes at
+        State of the charge switch at each clock; it was off before. A switch that changes at
         clock n moves on a straight line between n T and n T + t_edge.
     late_s : float
         Delay of that line after the clock, for a bridge with a known delay.
@@ -227,29 +217,10 @@ def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> flo
     charge : ndarray
         State of the charge switch at clocks 1, 2, ... to the end.
     """
-    first = circuit.first
-    told = np.concatenate([[0], charge])[first:-1]
-    if voltage.shape != (told.size + first + 1,) or told.size < 1:
+    told = np.concatenate([[0], charge])[:-1]
+    if voltage.shape != (told.size + 1,) or told.size < 1:
         raise ValueError(f"{voltage.size} samples and {charge.size} switch states do not match")
-    return float(np.max(np.abs(voltage[first + 1 :] - exact_voltage(circuit, told)[1:])))
-
-
-def walk(half: AnalogHalf, circuit: Circuit, charge: Sequence[int]) -> None:
-    """Advance an analog half to the end, with these states of the charge switch at clocks 1, 2, ...
-
-    The preset falls as the gate opens.
-    """
-    t_clk = 1.0 / circuit.f_clk_hz
-    half.advance(0.0, [])
-    edges: list[Edge] = []
-    last = 0
-    for clock, told in enumerate(charge, 1):
-        now = clock * t_clk
-        half.advance(now, edges)
-        edges = [] if told == last else [(now, CHARGE, float(told))]
-        if clock == circuit.settle_clocks:
-            edges.append((now, PRESET, 0.0))
-        last = told
+    return float(np.max(np.abs(voltage[1:] - exact_voltage(circuit, told)[1:])))
 
 
 # ---- a run in a separate process -----------------------------------------------------------------------------
@@ -259,22 +230,16 @@ def walk(half: AnalogHalf, circuit: Circuit, charge: Sequence[int]) -> None:
 class Job:
     """One run of the circuit.
 
-    `simulator` None drives ngspice alone with the charge bits `charge`; `keep` returns the bits and
-    voltages at the bridge. `options` is the deck's line of options; `cuts` as for `NgspiceHalf`.
-
-    The last two are seeded faults for a test: packets in ngspice are too large by `packet_error`,
-    or the 50th switching of the charge is late by `late_s`.
+    `keep` returns the bits and voltages at the bridge; `options` is the deck's line of options.
+    `packet_error` is a seeded fault for a test: packets in ngspice are too large.
     """
 
     circuit: Circuit
     t_max_step_s: float = 1e-6
-    simulator: str | None = "icarus"
+    simulator: str = "icarus"
     keep: bool = False
-    charge: NDArray[Any] | None = None
     options: str = OPTIONS
-    cuts: int = 0
     packet_error: float = 0.0
-    late_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -283,11 +248,11 @@ class Run:
 
     `seconds` and `cpu_seconds` count from the first instant of the circuit to its last; `charge` is
     the state of the charge switch at clocks 1, 2, ..., `voltage` the integrator at clocks 0, 1, ...
-    (without a preset, ngspice gives none at 0); `code` is None without an HDL simulator.
+    (without a preset, ngspice gives none at 0).
     """
 
     circuit: Circuit
-    code: int | None
+    code: int
     seconds: float
     cpu_seconds: float
     charge: NDArray[Any] | None = None
@@ -306,7 +271,7 @@ class Run:
     @property
     def miscount(self) -> int:
         """Difference of the code from the exact count."""
-        return 0 if self.code is None else abs(self.code - self.circuit.pulses)
+        return abs(self.code - self.circuit.pulses)
 
     @property
     def error_v(self) -> float:
@@ -327,37 +292,28 @@ class _Watched:
             t_max_step_s=job.t_max_step_s,
             t_stop_s=bridge.analog_s(circuit.timing),
             log=where / "ngspice.log",
-            use_ic=not circuit.preset,
-            cuts=job.cuts,
+            use_ic=True,
         )
-        self._job, self._switched = job, 0
+        self._job = job
         self.voltage: list[float] = []
         self.seconds = self.cpu_seconds = 0.0
 
     def advance(self, to: float, edges: Sequence[Edge]) -> Floats:
-        sample = self._inner.advance(to, self._with_fault(edges) if self._job.late_s else edges)
+        sample = self._inner.advance(to, edges)
         if self._job.keep:
             self.voltage.append(float(sample[1]))
-        elif not self._job.late_s:
+        else:
             self.advance = self._inner.advance  # type: ignore[method-assign]  # no detour from now on
         if to == 0.0:
             self._start = time.perf_counter(), time.process_time()
         return sample
-
-    def _with_fault(self, edges: Sequence[Edge]) -> list[Edge]:
-        late = []
-        for now, source, level in edges:
-            self._switched += source == CHARGE
-            fault = self._job.late_s if source == CHARGE and self._switched == 50 else 0.0
-            late.append((now + fault, source, level))
-        return late
 
     def close(self) -> None:
         self.seconds = time.perf_counter() - self._start[0]
         self.cpu_seconds = time.process_time() - self._start[1]
         self._inner.close()
 
-    def run(self, code: int | None, charge: Any) -> Run:
+    def run(self, code: int, charge: Any) -> Run:
         """Return the result of the job after `close`."""
         kept = (np.asarray(charge), np.array(self.voltage)) if self._job.keep else (None, None)
         return Run(self._job.circuit, code, self.seconds, self.cpu_seconds, *kept)
@@ -376,18 +332,6 @@ async def _frame(dut: Any, job: Job, where: Path) -> Run:
     if chip.trace is not None:
         bits = chip.trace.charge[chip.trace.begins[0] :][: job.circuit.clocks]
     return halves[0].run(int(codes.item()), bits)
-
-
-def _run(job: Job, build: Path | None, where: Path) -> Run:
-    """Run a job in this process, or in an HDL simulator that it starts."""
-    if build is None:
-        assert job.charge is not None
-        half = _Watched(job, where)
-        walk(half, job.circuit, job.charge.tolist())
-        half.close()
-        return half.run(None, job.charge)
-    (where / "job.pickle").write_bytes(pickle.dumps(job))
-    return cocotb_result(str(job.simulator), build, "dermis_top", __name__, JOB_VARIABLE, where)
 
 
 if JOB_VARIABLE in os.environ:
@@ -453,5 +397,7 @@ def measure(job: Job, where: Path, limit_s: float) -> Run:
         It failed, took longer than `limit_s` or left no result.
     """
     where.mkdir(parents=True)
-    build = job.simulator and hdl.build(job.simulator, "dermis_top", job.circuit.parameters)
-    return in_process(_run, job, build, where, limit_s=limit_s)
+    build = hdl.build(job.simulator, "dermis_top", job.circuit.parameters)
+    (where / "job.pickle").write_bytes(pickle.dumps(job))
+    test = job.simulator, build, "dermis_top", __name__, JOB_VARIABLE, where
+    return in_process(cocotb_result, *test, limit_s=limit_s)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 import statistics
 import time
 from collections.abc import Callable, Iterator
@@ -19,7 +18,6 @@ import numpy as np
 
 from dermis import effects, engines
 from dermis.array import array
-from dermis.engines import batch
 from dermis.errors import SimulatorError
 from dermis.processes import cpu_time
 from dermis.records import Plan
@@ -37,7 +35,6 @@ OVER_RANGE = "frames of 16x16 resistances over the range"
 SIZES = (16, 32, 64, 128, 256)
 LARGE = 256
 """Rows and columns of a large frame."""
-BATCH_FRAMES = 400
 
 
 def all_effects(engine: str, work: Path) -> tuple[dict[str, bool], list[str]]:
@@ -184,20 +181,3 @@ def rtl_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
         with one_core():
             note = f"{frames} at a time, start of the process included; codes are those of closed"
             yield _speed(f"rtl.frames_per_s.{simulator}", run, frames, min(repeat, 3), note, 0.0)
-
-
-def batch_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
-    """Measure the gain of a second process."""
-    name = "batch.speed_ratio.two_processes"
-    if len(os.sched_getaffinity(0)) < 2:
-        yield verdict.skip(name, "there is one core", "1")
-        return
-    on, _ = all_effects("event", work)
-    made = random_plan(work, BATCH_FRAMES if quick else 25 * BATCH_FRAMES, "event", **on)
-    times = []
-    for processes in (1, 2):
-        begin = time.perf_counter()
-        batch.run(made, processes=processes)
-        times.append(time.perf_counter() - begin)
-    note = f"wall time of one process over two, engine event, {len(on)} effects, {made.frames} frames"
-    yield verdict.report(name, times[0] / times[1], "1", f"{note}, start included")

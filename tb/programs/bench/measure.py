@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time measurement of the benchmarks, their random frames, and their table for a page."""
+"""Time measurement of the benchmarks, and their random frames."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -95,17 +95,3 @@ def random_plan(work: Path, frames: int, engine: str, size: int | None = None, *
         "effects": effects_on,
     }
     return plan.make(scene.from_data(data, work / "random.toml"), engine)
-
-
-def markdown(rows: Sequence[Row], names: Sequence[str]) -> str:
-    """Return the rows of some names, or of names below them, as a Markdown table."""
-    lines = ["| row | value | unit | limit | status | note |", "|---|--:|---|---|---|---|"]
-    for row in rows:
-        if not any(row["name"] == name or row["name"].startswith(name + ".") for name in names):
-            continue
-        value = "" if row["value"] is None else f"{row['value']:.4g}"
-        limits = (("at least", row["min"]), ("at most", row["max"]))
-        limit = ", ".join(f"{word} {bound:g}" for word, bound in limits if bound is not None)
-        note = row["note"].replace("|", "\\|")
-        lines.append(f"| `{row['name']}` | {value} | {row['unit']} | {limit} | {row['status']} | {note} |")
-    return "\n".join(lines)

@@ -78,7 +78,7 @@ def _tool(name: str) -> str:
 
 def _short(circuit: Circuit, clocks: int) -> Circuit:
     """Return the circuit without clocks before the gate."""
-    return dataclasses.replace(circuit, settle_clocks=0, gate_clocks=clocks, preset=False)
+    return dataclasses.replace(circuit, settle_clocks=0, gate_clocks=clocks)
 
 
 def _judged(
