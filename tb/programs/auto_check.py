@@ -19,12 +19,11 @@ from dermis import plan as planning
 from dermis.converter import course
 from dermis.engines import event, masking
 from dermis.errors import InputError
-from dermis.places import ROOT
 from dermis.report import verdict
 from dermis.report.progress import slots
 from dermis.scene import scene, schema
 from dermis.scene.scene import SCENES
-from tb.programs import auto_bounds, auto_picture
+from tb.programs import auto_bounds
 from tb.reference import scenes
 from tb.reference.scenes import PROFILES, World
 
@@ -232,15 +231,8 @@ def _number(name: str, default: int, help: str, low: int = 0, high: int | None =
 @_number("--long", 40, "Number of scenes with 200 frames.")
 @_number("--mutants", auto_bounds.TRIES, "Scenes per halved bound, which must show an error; 0 for none.")
 @_number("--cosim", 16, "Columns of the frame in engine cosim; 0 for none.", high=64)
-@click.option("--picture", is_flag=True, help="Only draw time against exactness in docs/figures.")
-def auto_check_command(
-    scenes: int, seed: int, frames: int, long: int, mutants: int, cosim: int, picture: bool
-) -> int:
+def auto_check_command(scenes: int, seed: int, frames: int, long: int, mutants: int, cosim: int) -> int:
     """Random and stored scenes with auto against everything on: codes, verdicts, processor time."""
-    if picture:
-        auto_picture.draw(auto_picture.measure(), ROOT / "docs" / "figures" / "auto_time.png")
-        click.echo("drawn: docs/figures/auto_time.png")
-        return 0
     few, refused = campaign(scenes, seed, frames, stored=True)
     many, more = campaign(long, seed, _LONG) if long else ([], [])
     found = rows(few, many, refused + more, auto_bounds.mutants(mutants) if mutants else None)

@@ -141,16 +141,6 @@ def test_the_charge_of_the_model_is_that_of_the_slow_reference_clock_by_clock() 
         assert np.allclose(np.array(exact.charge, dtype=float), slot.stored_v[1:], atol=1e-9)
 
 
-def test_a_calibrated_model_forgives_a_gain_and_a_start_and_no_bend() -> None:
-    slope = np.array([0.0, 20.0, 64.0, 200.0]) / 510
-    model = gate.Reading(slope, np.zeros(4))
-    draw = gate.Reading(1.02 * slope, np.full(4, 3.0))
-    bent = dataclasses.replace(draw, slope=draw.slope + np.array([0.0, 0.0, 2.0, 0.0]) / 510)
-    apart = [one.counts() - model.like(one, 1, 3).counts() for one in (draw, bent)]
-    # Roundings of counts of 200.
-    assert np.round(apart, 9).tolist() == [[0.0] * 4, [0.0, 0.0, 2.0, 0.0]]
-
-
 @pytest.fixture(scope="module")
 def column(tmp_path_factory: pytest.TempPathFactory) -> list[columns.Slot]:
     """A short column in transistors."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import re
 from collections.abc import Sequence
 
 import click
 
 from dermis.chip.sky130 import CORNERS
 from dermis.errors import InputError
-from dermis.files import write_between
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene import design as design_module
@@ -117,17 +115,6 @@ def fault_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
     ]
 
 
-def write_docs(rows: Sequence[Row], what: str) -> None:
-    """Write the rows as the table `what` of docs/equivalence.md."""
-    lines = ["| row | value | counts apart by ideal code | |", "|---|--:|---|---|"]
-    for row in rows:
-        name = re.sub(r"^equivalence\.(counts_apart\.|fault\.)?", "", row["name"])
-        value = "" if row["value"] is None else f"{row['value']:.2f}"
-        lines.append(f"| `{name}` | {value} | {row['note']} | {row['status']} |")
-    begin = f"<!-- begin: {what} (written by dermis equivalence --docs) -->"
-    write_between(ROOT / "docs" / "equivalence.md", begin, f"<!-- end: {what} -->", "\n".join(lines))
-
-
 @click.command("equivalence")
 @click.option("--only", multiple=True, metavar="WORD", help="Columns with this word in their names.")
 @click.option("--faults", "seeded", is_flag=True, help="Seed faults in the netlists; say which are caught.")
@@ -135,11 +122,8 @@ def write_docs(rows: Sequence[Row], what: str) -> None:
     "--jobs", type=click.IntRange(1, 64), default=os.cpu_count(), show_default=True, help="Processes."
 )
 @click.option("--fresh", is_flag=True, help="Run what is kept from earlier runs as well.")
-@click.option("--docs", is_flag=True, help="Also write the table in docs/equivalence.md.")
-def equivalence_command(only: tuple[str, ...], seeded: bool, jobs: int, fresh: bool, docs: bool) -> int:
+def equivalence_command(only: tuple[str, ...], seeded: bool, jobs: int, fresh: bool) -> int:
     """Channels in transistors against the models extracted from them; rows in build/equivalence.json."""
-    if docs and only:
-        raise InputError("command line", "--docs", "with --only", "a whole run")
     if seeded:
         rows = fault_rows(only, jobs, fresh)
     else:
@@ -154,6 +138,4 @@ def equivalence_command(only: tuple[str, ...], seeded: bool, jobs: int, fresh: b
     target = "equivalence_faults" if seeded else "equivalence"
     verdict.write_rows(target, rows)
     verdict.print_rows(rows, target)
-    if docs:
-        write_docs(rows if seeded else rows[1:], "faults" if seeded else "gate")
     return verdict.exit_code(rows)

@@ -38,9 +38,6 @@ first slot after power-on the offset null settles; it is read like any other, an
 
 SETTLING_ROWS = 1
 
-ANCHORS = (20, 200)
-"""Codes whose counts give the model of a mismatch draw its start and its gain; the others are compared."""
-
 CLOCKS = 64
 """Length of the short gate."""
 
@@ -79,8 +76,7 @@ class Case:
         """Part of a row's name."""
         at = self.condition
         supply = "" if at.supply == 1.0 else f"_{at.supply:g}"
-        draw = "" if at.sample is None else f"_draw{at.sample}"
-        return f"{self.topology}.k{self.k}.{at.corner}_{at.celsius:g}C{supply}{draw}"
+        return f"{self.topology}.k{self.k}.{at.corner}_{at.celsius:g}C{supply}"
 
     def resistances(self) -> Floats:
         """Return the taxels whose ideal codes the case gives."""
@@ -107,7 +103,7 @@ def everything() -> list[Case]:
     """Return the columns of the gate.
 
     Every channel at k = 80 and every range of Fig. 5a at three corners, both supplies and both ends of resistors and
-    capacitors there, the skews once; at typical some draws of the mismatch.
+    capacitors there, the skews once.
     """
     corners, skews = CONDITIONS[:3], CONDITIONS[3:]
     return [
@@ -120,8 +116,6 @@ def everything() -> list[Case]:
             for at in corners
             for end in ("low", "high")
         ),
-        *(Case(condition=Condition(sample=n)) for n in range(1, 6)),
-        *(Case("direct", condition=Condition(sample=n)) for n in range(1, 3)),
     ]
 
 
@@ -141,13 +135,6 @@ class Reading:
     def counts(self, clocks: int = 510, most: float = 255.0) -> Floats:
         """Counts before they are cut to whole ones, 0 .. `most`."""
         return np.clip(self.start + self.slope * clocks + 1.0, 0.0, most)
-
-    def like(self, other: Reading, one: int, two: int, clocks: int = 510) -> Reading:
-        """Return this reading with the gain and the start that bring its counts of two rows to those of another."""
-        mine, its = (r.start + r.slope * clocks for r in (self, other))
-        gain = (its[two] - its[one]) / (mine[two] - mine[one])
-        start = its[one] - gain * mine[one] + gain * self.start
-        return dataclasses.replace(self, start=start, slope=gain * self.slope)
 
 
 def read(slots: Sequence[Slot]) -> Reading:
@@ -231,15 +218,11 @@ def model_slots(made: Plan, clocks: int) -> list[Slot]:
 def compare(case: Case, slots: Sequence[Slot]) -> dict[int, float]:
     """Return the counts at 510 clocks of the circuit less those of the model, by ideal code.
 
-    The model of a mismatch draw is calibrated to it first: the files have no draw.
-
     Raises
     ------
     ValueError
         As `read`.
     """
     circuit, extracted = read(slots), read(model_slots(model(case), case.clocks))
-    if case.condition.sample is not None:
-        extracted = extracted.like(circuit, *(case.codes.index(code) for code in ANCHORS))
     apart = circuit.counts() - extracted.counts()
     return dict(zip(case.codes[SETTLING_ROWS:], apart[SETTLING_ROWS:].tolist(), strict=True))
