@@ -42,7 +42,7 @@ calibrate: base ## fit a calibration to a session file: SESSION=file [ARGS="--ou
 	@$(if $(SESSION),,echo 'calibrate: SESSION is missing: make calibrate SESSION=file' >&2; exit 2)
 	@$(dermis) calibrate '$(SESSION)' $(ARGS)
 
-decode: setup ## codes to newtons: every figure of docs/decode.md, into build/decode.json [ARGS="--data dir --pictures dir"]
+decode: setup ## codes to newtons: every figure of docs/decode.md, into build/decode.json
 	@$(dermis) decode $(ARGS)
 
 plan: base ## effects of a scene, and the cells that auto decides without a walk: SCENE=name-or-path [ENGINE=e]
@@ -56,10 +56,10 @@ ablate: base ## cost of each effect of a scene, one off at a time: SCENE=name-or
 auto-check: setup ## auto against everything-on: 1000 random scenes and every stored one
 	@$(dermis) auto-check $(ARGS)
 
-accuracy: setup ## accuracy against simulation time: curves and figures [ARGS=--docs]
+accuracy: setup ## accuracy against simulation time: curves and figures
 	@$(dermis) accuracy $(ARGS)
 
-accuracy-chip: setup ## resolution against conversion time on the chip: curves, csv, figures [ARGS=--docs]
+accuracy-chip: setup ## resolution against conversion time on the chip: curves, csv, figure
 	@$(dermis) accuracy-chip $(ARGS)
 
 hard: setup ## hard cases with exact answers, in every engine that takes them [ARGS="--only word"]
