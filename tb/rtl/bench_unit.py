@@ -16,6 +16,7 @@ async def play(dut: Any) -> None:
     s = scenario()
     outputs = [getattr(dut, name) for name in s["outputs"]]
     await reset(dut, s["ports"])
+    assert all(output.value.is_resolvable for output in outputs), "unknown after reset"
     seen = []
     for values in s["steps"]:
         for name, value in zip(s["ports"], values, strict=True):
