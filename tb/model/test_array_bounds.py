@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dermis import engines, plan, records
 from dermis.array import array as array_module
 from dermis.array import solve_error, star_mesh
-from dermis.array.array import Network, column_currents, column_currents_with_bounds
+from dermis.array.array import Network, column_currents
 from dermis.errors import InputError, SimulatorError
 from tb.reference import nodal
 
@@ -56,11 +56,8 @@ def wild_network(rng: np.random.Generator) -> Network:
 
 def fraction_used(network: Network) -> float:
     """Largest part of its bound that the error of a current, and of each part of it, takes against 120 digits."""
-    found, used = column_currents_with_bounds(network), [0.0]
-    for part, bound, kept in (
-        (found.driven, found.driven_error, {"v_column_offset_v": 0.0, "i_leak_a": 0.0}),
-        (found.rest, found.rest_error, {"v_bias_v": 0.0}),
-    ):
+    used, without = [0.0], ({"v_column_offset_v": 0.0, "i_leak_a": 0.0}, {"v_bias_v": 0.0})
+    for (part, bound), kept in zip(nodal.bounded(network), without, strict=True):
         if part is not None:
             error = np.abs(part - nodal.column_currents(dataclasses.replace(network, **kept), 120))
             used.append(float((error / (bound + STAND_IN_A)).max()))
@@ -143,11 +140,11 @@ def test_a_fault_in_what_columns_give_each_other_is_noticed(monkeypatch: pytest.
     g = 1 / np.random.default_rng(1).uniform(500, 64250, (3, 4))
     chain = star_mesh.chain
 
-    def broken(*arguments: Any) -> float:
-        missed = chain(*arguments)
+    def broken(*arguments: Any) -> star_mesh.Chain:
+        found = chain(*arguments)
         # the voltage of a column under its own source
-        arguments[12][0, star_mesh.ROWS + 3 + 1, 1] *= 1 + 1e-7
-        return missed
+        found.last[0, star_mesh.ROWS + 3 + 1, 1] *= 1 + 1e-7
+        return found
 
     monkeypatch.setattr(star_mesh, "chain", broken)
     with pytest.raises(SimulatorError, match="from the source of a column"):

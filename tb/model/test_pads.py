@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dermis import engines, plan
-from dermis.array.array import Network, column_currents, column_currents_with_bounds
+from dermis.array.array import Network, column_currents
 from dermis.errors import InputError
 from dermis.records import Plan
 from dermis.scene import scene
@@ -48,9 +48,8 @@ def test_a_shared_return_equals_the_nodal_reference() -> None:
     for seed in range(40):
         network = drawn(np.random.default_rng(seed))
         want = nodal.column_currents(network)
-        have = column_currents_with_bounds(network)
-        bound = have.driven_error + (0.0 if have.rest_error is None else have.rest_error)
-        current = have.driven + (0.0 if have.rest is None else have.rest)
+        (driven, error), (rest, rest_error) = nodal.bounded(network)
+        current, bound = driven + (0.0 if rest is None else rest), error + rest_error
         # 1e-30 A: currents of open arrays, where the bound is relative to nothing.
         assert (np.abs(current - want) <= bound + 1e-30).all(), seed
         # A sum of a few hundred terms rounds to some 1e-15 of the largest.

@@ -2,9 +2,9 @@
 """The slow, obvious reference of the array solve: the full nodal matrix, slot by slot, exact or in
 many digits.
 
-Nothing is reduced, reused or shared with dermis.array.array but the meaning of Network's fields:
-every element is stamped between two named nodes, and Gauss's elimination runs over Python's
-fractions (`column_currents(..., digits=0)`) or mpmath's numbers.
+Nothing is reduced, reused or shared with dermis.array.array but the meaning of Network's fields
+(`bounded` runs it): every element is stamped between two named nodes, and Gauss's elimination runs
+over Python's fractions (`column_currents(..., digits=0)`) or mpmath's numbers.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis.array import array as forward
+from dermis.array import solve_error
 from dermis.array.array import Network
 
 Node = tuple[Any, ...]
@@ -27,6 +29,29 @@ Element = tuple[Node, Node, Any]
 # carried.
 SHORT_S = 10**80
 _SHORT_DIGITS = 200
+
+
+def bounded(network: Network) -> list[tuple[Any, Any]]:
+    """Return what `dermis.array.array` makes of a network: the currents of the bias, and those of offsets and
+    leaks (None without either), [rows, cols], each with the bounds of their errors.
+    """
+    bounds: list[tuple[Any, Any]] = []
+
+    class Recording(solve_error.ErrorRecord):
+        def check(self, driven: Any, rest: Any, part: Any, rest_error: Any) -> None:
+            bounds.append(
+                (
+                    solve_error.of(part, np.abs(driven)),
+                    np.broadcast_to(0.0 if rest is None else rest_error, driven.shape),
+                )
+            )
+
+    token = solve_error._record.set(Recording())
+    try:
+        parts = forward.column_currents_by_source(network)
+    finally:
+        solve_error._record.reset(token)
+    return [(part, bound[0]) for part, bound in zip(parts, bounds[0], strict=True)]
 
 
 def column_currents(

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dermis import fields
-from dermis.array import solve_error
+from dermis.array import solve_error, star_mesh
 from dermis.errors import SimulatorError
 
 Floats = NDArray[np.float64]
@@ -24,9 +25,7 @@ Floats = NDArray[np.float64]
 # stay far from where doubles end.
 _G_TAXEL_SHORT_S = 1e40
 _G_SERIES_SHORT_S = 1e60
-# And a resistance that lets nothing through, 1e-60 A a volt, and a capacitance that never charges.
-_R_OPEN_OHM = 1e60
-_C_MAX_F = 1e30
+_CONDUCTANCE_MIN_S = 1e-60
 
 # Taxels solved at once: 128 frames of 16x16 keep the elimination inside a 1 MB cache.
 _VALUES_AT_ONCE = 1 << 15
@@ -85,20 +84,15 @@ class Network:
             array[:] = getattr(self, name)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-        if not (np.isfinite(self.r_column_ohm).all() and (self.r_column_ohm >= 0).all()):
-            raise ValueError("r_column_ohm must be finite and 0 or above")
-        if not 0 <= self.r_row_driven_ohm < np.inf or not self.r_row_grounded_ohm >= 0:
-            raise ValueError("row resistances must be 0 or above, the driven one finite")
-        if not 0 <= self.g_lateral_row_s < np.inf or not 0 <= self.g_lateral_column_s < np.inf:
-            raise ValueError("lateral conductances must be finite and 0 or above")
-        if not 0 <= self.r_trace_row_ohm < np.inf or not 0 <= self.r_trace_column_ohm < np.inf:
-            raise ValueError("trace resistances must be finite and 0 or above")
-        if not 0 <= self.r_return_ohm < np.inf:
-            raise ValueError("r_return_ohm must be finite and 0 or above")
+        for what, names in _LIMITED.items():
+            for value in (getattr(self, name) for name in names):
+                least, largest = _ends(value)
+                if not 0 <= least <= largest < np.inf:
+                    raise ValueError(f"{what} must be finite and 0 or above")
+        if not self.r_row_grounded_ohm >= 0:
+            raise ValueError("row resistances must be 0 or above")
         if not (np.isfinite(self.v_column_offset_v).all() and np.isfinite(self.i_leak_a).all()):
             raise ValueError("v_column_offset_v and i_leak_a must be finite")
-        if not all(0 <= c < np.inf for c in (self.c_row_f, self.c_column_f, self.c_taxel_f)):
-            raise ValueError("capacitances must be finite and 0 or above")
 
     @property
     def rows(self) -> int:
@@ -127,8 +121,24 @@ class Network:
         return active - {n for n, pad_ohm in pads.items() if pad_ohm and np.all(getattr(self, n) == pad_ohm)}
 
 
+def _ends(value: Floats | float) -> tuple[float, float]:
+    """Return the least and the largest element, at once for a number."""
+    return (value.min(), value.max()) if isinstance(value, np.ndarray) else (value, value)
+
+
+# What must be finite and 0 or above, by the words of an error.
+_LIMITED = {
+    "r_column_ohm": ("r_column_ohm",),
+    "row resistances": ("r_row_driven_ohm",),
+    "lateral conductances": ("g_lateral_row_s", "g_lateral_column_s"),
+    "trace resistances": ("r_trace_row_ohm", "r_trace_column_ohm"),
+    "r_return_ohm": ("r_return_ohm",),
+    "capacitances": ("c_row_f", "c_column_f", "c_taxel_f"),
+}
 # Fields of Network that a scene always sets.
 _GIVEN = frozenset({"g_taxel_s", "v_bias_v"})
+# Alone these change no current: between ideal columns laterals carry none, capacitances no direct one.
+_IDLE = frozenset({"r_return_ohm", *_LIMITED["lateral conductances"], *_LIMITED["capacitances"]})
 
 
 def column_currents(network: Network, g_frames_s: ArrayLike | None = None) -> Floats:
@@ -184,21 +194,6 @@ class NoSolution(ValueError):
         return type(self), self.place
 
 
-@dataclass
-class Currents:
-    """Column currents in ampere, [rows, cols] or [frames, rows, cols], and a bound of the error of
-    each.
-
-    `driven` follows v_bias_v, `rest` is what offsets and leaks make, None where there are neither;
-    `driven_error` and `rest_error` belong to them.
-    """
-
-    driven: Floats
-    rest: Floats | None
-    driven_error: Floats
-    rest_error: Floats | None
-
-
 def column_currents_by_source(
     network: Network, g_frames_s: ArrayLike | None = None
 ) -> tuple[Floats, Floats | None]:
@@ -207,53 +202,36 @@ def column_currents_by_source(
 
     The second part is None where there are neither.
     """
-    found = _by_source(network, g_frames_s, bounded=False)
-    return found.driven, found.rest
-
-
-def column_currents_with_bounds(network: Network, g_frames_s: ArrayLike | None = None) -> Currents:
-    """Return the currents of `column_currents_by_source` with their error bounds.
-
-    A bound is that of docs/array_proofs.md, "Count of roundings", for any conductances. Where
-    it is below `solve_error.ErrorRecord.tolerance_a` nothing is done to make it smaller.
-    """
-    return _by_source(network, g_frames_s, bounded=True)
-
-
-def _by_source(network: Network, g_frames_s: ArrayLike | None, bounded: bool) -> Currents:
     g = network.g_taxel_s[np.newaxis] if g_frames_s is None else np.asarray(g_frames_s, dtype=float)
     if g.ndim != 3 or g.shape[1:] != network.g_taxel_s.shape:
         raise ValueError(f"g_frames_s must be [frames, {network.rows}, {network.cols}]")
     if not g.min(initial=0.0) >= 0:  # what is no number is neither
         raise ValueError("g_frames_s must be 0 or above")
-    record = solve_error.current()
+    record, rest = solve_error.current(), None
     record.solves += len(g)
-    if not network.active_fields() & _ACTS:
+    if network.active_fields() <= _IDLE:
         with np.errstate(over="ignore"):
-            driven, rest = network.v_bias_v * g, None
-            errors = [_PRODUCT.bound * driven if bounded else driven, rest]
-        record.take(_PRODUCT)
-        record.check(driven, rest, _PRODUCT.bound, None)
+            driven = network.v_bias_v * g
+        # A taxel's conductance and a product with the bias, a rounding each.
+        record.take(bound=2 * solve_error.U)
+        record.check(driven, None, 2 * solve_error.U, None)
     else:
         refuse_loops(network, g)
         network = in_range(network)
         driven, rest = np.empty_like(g), np.empty_like(g) if _held(network) else None
-        errors = [np.empty_like(part) if bounded and part is not None else part for part in (driven, rest)]
         step = max(1, _VALUES_AT_ONCE // network.g_taxel_s.size)
         for first in range(0, len(g), step):
             part = slice(first, first + step)
             with _one_thread(network.cols):
-                found = _solve(network, np.minimum(g[part], _G_TAXEL_SHORT_S), record)
-            record.check(found.driven, found.rest, found.driven_part, found.rest_error)
-            driven[part] = found.driven
+                driven[part], found, *errors = _solve(
+                    network, np.minimum(g[part], _G_TAXEL_SHORT_S, order="C")
+                )
+            record.check(driven[part], found, *errors)
             if rest is not None:
-                rest[part] = found.rest
-            if bounded:
-                errors[0][part] = _of(found.driven_part, np.abs(found.driven))
-            if bounded and rest is not None:
-                errors[1][part] = found.rest_error
-    parts = driven, rest, *errors
-    return Currents(*(p if p is None or g_frames_s is not None else p[0] for p in parts))
+                rest[part] = found
+    if g_frames_s is None:
+        return driven[0], None if rest is None else rest[0]
+    return driven, rest
 
 
 def between_columns(network: Network, g_frames_s: Floats) -> Floats:
@@ -264,19 +242,18 @@ def between_columns(network: Network, g_frames_s: Floats) -> Floats:
     """
     # Sources that are not 0 V: what they send each other is asked for.
     network = in_range(dataclasses.replace(network, v_column_offset_v=1.0))
-    g = np.minimum(g_frames_s, _G_TAXEL_SHORT_S)
-    driven, ground = (_conductance(float(r)) for r in (network.r_row_driven_ohm, network.r_row_grounded_ohm))
+    driven, ground = (_conductance(r) for r in (network.r_row_driven_ohm, network.r_row_grounded_ohm))
     own = np.arange(network.cols)
-    out = np.empty((len(g), 1 if driven == ground else network.rows, network.cols, network.cols))
+    out = np.empty((len(g_frames_s), 1 if driven == ground else network.rows, network.cols, network.cols))
     with _one_thread(network.cols):
-        lines = _RowLines(network, g)
+        lines = _row_lines(network, np.minimum(g_frames_s, _G_TAXEL_SHORT_S, order="C"))
         for row in range(out.shape[1]):
             grounded = np.full(network.rows, ground)
             grounded[row] = driven
             mesh = _respond(network, lines, grounded).mesh
             assert mesh is not None
-            out[:, row] = -mesh.between
-            out[:, row, own, own] = mesh.between.sum(axis=2) + mesh.ground
+            out[:, row] = -mesh[0]
+            out[:, row, own, own] = mesh[0].sum(axis=2) + mesh[1]
     return out
 
 
@@ -294,10 +271,6 @@ def _blas() -> Any:
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
-
-
-# A taxel's conductance and a product with the bias, a rounding each.
-_PRODUCT = solve_error.Figures(bound=2 * solve_error.U)
 
 
 def refuse_loops(network: Network, g: Floats) -> None:
@@ -330,152 +303,27 @@ def _joined(short: NDArray[np.bool_], column: int) -> tuple[NDArray[np.bool_], N
     return rows, columns
 
 
-# Capacitances carry no direct current; laterals between ideal columns none at all.
-_ACTS = frozenset(
-    {
-        "r_row_driven_ohm",
-        "r_row_grounded_ohm",
-        "r_column_ohm",
-        "v_column_offset_v",
-        "i_leak_a",
-        "r_trace_row_ohm",
-        "r_trace_column_ohm",
-        "r_pad_row_ohm",
-        "r_pad_column_ohm",
-    }
-)
-
-
 def in_range(network: Network) -> Network:
     """Limit extreme values so that their products stay finite."""
-    limited = {
-        "r_row_driven_ohm": _R_OPEN_OHM,
-        "r_column_ohm": _R_OPEN_OHM,
-        "r_trace_row_ohm": _R_OPEN_OHM,
-        "r_trace_column_ohm": _R_OPEN_OHM,
-        "r_return_ohm": _R_OPEN_OHM,
-        "g_lateral_row_s": _G_SERIES_SHORT_S,
-        "g_lateral_column_s": _G_SERIES_SHORT_S,
-        "c_row_f": _C_MAX_F,
-        "c_column_f": _C_MAX_F,
-        "c_taxel_f": _C_MAX_F,
-    }
     change = {}
-    for name, most in limited.items():
-        above = getattr(network, name) > most
-        if above.any() if isinstance(above, np.ndarray) else above:
-            change[name] = np.minimum(getattr(network, name), most)
-    if _R_OPEN_OHM < network.r_row_grounded_ohm < np.inf:
-        change["r_row_grounded_ohm"] = _R_OPEN_OHM
+    for name in ("r_row_grounded_ohm", *itertools.chain(*_LIMITED.values())):
+        # A resistance that lets nothing through, 1e-60 A a volt, and a capacitance that never charges.
+        value, most = getattr(network, name), 1e30 if name.startswith("c_") else 1 / _CONDUCTANCE_MIN_S
+        if most < _ends(value)[1] < np.inf:
+            change[name] = np.minimum(value, most)
     return dataclasses.replace(network, **change) if change else network
 
 
-def _conductance(resistance_ohm: ArrayLike) -> Floats | float:
-    if isinstance(resistance_ohm, float):
-        return min(1.0 / float(resistance_ohm), _G_SERIES_SHORT_S) if resistance_ohm else _G_SERIES_SHORT_S
+def _conductance(resistance_ohm: ArrayLike) -> Floats:
     with np.errstate(divide="ignore", over="ignore"):
-        return np.minimum(np.divide(1.0, np.asarray(resistance_ohm, dtype=float)), _G_SERIES_SHORT_S)
+        return np.minimum(np.divide(1.0, resistance_ohm), _G_SERIES_SHORT_S)
 
 
 def _ratio(above: Floats, below: Floats) -> Floats:
     """Return above / below, 0 where below is 0 (a row line without any conductance)."""
     if below.min() > 0:
         return above / below
-    return np.divide(
-        above, below, out=np.zeros(np.broadcast_shapes(above.shape, below.shape)), where=below > 0
-    )
-
-
-# The products along a row line stay away from underflow by as much again.
-_PRODUCT_MIN = 1e-150
-
-
-class _RowLines:
-    """Row lines without their drivers, seen from the column lines: [frames, rows, cols].
-
-    Everything of row line r between its driver's node and the column lines is `to_driver[:, r, c]`,
-    a conductance from the driver's node to column line c, and `between` gives those from column
-    line to column line.
-    """
-
-    def __init__(self, network: Network, g: Floats) -> None:
-        self.g = g
-        self.to_driver = g
-        self.bent = network.r_trace_row_ohm > 0
-        if not self.bent:
-            return
-        from dermis.array import star_mesh
-
-        # The line as a ladder: `pass_on` is the part of a current into node c that goes towards the driver, with only
-        # the nodes before c connected; `seen` the resistance at node c with the driver's node and all column lines
-        # grounded; `through` the product of `pass_on` from the driver on.
-        self.pass_on, self.seen, self.through, self.to_driver = found = tuple(np.empty((4, *g.shape)))
-        star_mesh.ladder(np.ascontiguousarray(g), float(_conductance(network.r_trace_row_ohm)), *found)
-
-    def between(self) -> Floats:
-        """Conductances between column lines through all row lines, [frames, cols, cols]; diagonal
-        0.
-
-        From node i to node j > i it is g_i seen_i times all pass_on between them times g_j. As a
-        product of one factor of i and one of j it is fast, as long as the products from the driver
-        on stay in range.
-        """
-        if (self.through > _PRODUCT_MIN).all():
-            left = self.g * self.seen / self.through
-            upper = np.matmul(left.transpose(0, 2, 1), self.to_driver)
-        else:
-            upper = self._between_steep()
-        upper = np.triu(upper, 1)
-        return upper + upper.transpose(0, 2, 1)
-
-    def _between_steep(self) -> Floats:
-        frames, rows, cols = self.g.shape
-        after = np.arange(cols)[np.newaxis, :] > np.arange(cols)[:, np.newaxis]
-        upper = np.zeros((frames, cols, cols))
-        for row in range(rows):
-            steps = np.where(after, self.pass_on[:, row, np.newaxis, :], 1.0)
-            left, right = self.g[:, row] * self.seen[:, row], self.g[:, row]
-            upper += left[:, :, np.newaxis] * np.cumprod(steps, axis=2) * right[:, np.newaxis, :]
-        return upper
-
-
-# Relative bounds are one number for all, or an array of the shape of what they belong to.
-Part = float | Floats
-
-
-def _of(part: Part, size: Floats) -> Floats:
-    """Return part * size for sizes of 0 or above; 0 for a size of 0, also if the part is
-    infinite.
-    """
-    if isinstance(part, float) and part < np.inf:
-        return part * size
-    with np.errstate(over="ignore"):
-        return np.multiply(
-            part, size, out=np.zeros(np.broadcast_shapes(np.shape(part), size.shape)), where=size > 0
-        )
-
-
-def _three(part: Part) -> Floats:
-    """Relative bounds with three axes, for compiled loops."""
-    return np.array(part, dtype=float, ndmin=3, order="C")
-
-
-@dataclass
-class _Mesh:
-    """Conductances between the ideal sources of the columns after elimination of all nodes, each 0
-    or above.
-
-    `between` [frames, cols, cols], diagonal 0, and `ground` [frames, cols] are conductances; `own`
-    [frames, cols] is the part of a current into a column's node that leaves through its own input.
-    The others bound their errors.
-    """
-
-    between: Floats
-    ground: Floats
-    own: Floats
-    between_part: Part
-    ground_part: Part
-    own_part: Part
+    return np.divide(above, below, out=np.zeros(np.broadcast(above, below).shape), where=below > 0)
 
 
 @dataclass
@@ -485,77 +333,76 @@ class _Response:
     The current into the driver's node of row r is the one that would hold it at 1 V were all column
     lines grounded. `delivered` [frames, rows, cols] then leaves through the columns, the node (of
     conductance `node`) is at 1 + `lift`, and `away` goes to any ground but its own row's, all [frames, rows].
-    `mesh` is there for offsets and leaks. `delivered_part` bounds the relative error of
-    `delivered`, `away_a` and `lift_v` [frames, rows] those of the others where they are not the
-    same number. `voltage` counts the roundings in any voltage behind these
-    (solve_error.one_matrix), `missed` is how far Kirchhoff's law was missed, `condition` as in
-    solve_error.ErrorRecord.
+    `roundings` counts those in any voltage behind these (solve_error.one_matrix). `part` bounds the
+    relative error of `delivered`, one number or one each, and `scale_error` [frames, rows] the error of
+    1 + lift + r_row_driven_ohm away where it is not the same part. `held` are the currents that offsets and
+    leaks drive with every row on ground and a bound of their error in ampere, [frames, cols] each,
+    `mesh` the conductances from source to source (`_held_currents`) and from each to ground.
     """
 
     delivered: Floats
     node: Floats
     lift: Floats
     away: Floats
-    mesh: _Mesh | None
-    voltage: float
-    missed: float
-    condition: float
-    delivered_part: Part
-    away_a: Floats | None = None
-    lift_v: Floats | None = None
+    roundings: float
+    part: Floats | float
+    scale_error: Floats | None = None
+    held: tuple[Floats, Floats] | None = None
+    mesh: tuple[Floats, Floats] | None = None
 
 
-@dataclass
-class _Solution:
-    """Currents [frames, rows, cols] and the bounds of their errors: of `driven` relative, of `rest`
-    in ampere.
-    """
-
-    driven: Floats
-    rest: Floats | None
-    driven_part: Part
-    rest_error: Floats | None
+# Currents [frames, rows, cols] that follow v_bias_v and those of offsets and leaks, and the bounds of their
+# errors: of the former relative, of the latter in ampere.
+_Solution = tuple[Floats, Floats | None, Floats | float, Floats | None]
 
 
-def _solve(network: Network, g: Floats, record: solve_error.ErrorRecord) -> _Solution:
-    from dermis.array import star_mesh
+def _solve(network: Network, g: Floats) -> _Solution:
+    """Solve a batch of frames and record its figures."""
+    rest, error_rest, lines = None, None, _row_lines(network, g)
+    g_ground = np.full(network.rows, _conductance(network.r_row_grounded_ohm))
+    found = _respond(network, lines, g_ground)
+    into, out = lines.to_driver.sum(axis=2), found.away + g_ground * found.lift
+    _check(into, out, "in the slot of a row", solve_error.balance(found.roundings))
+    scale = network.r_row_driven_ohm * found.away + (1.0 + found.lift)
+    driven = (network.v_bias_v / scale)[:, :, np.newaxis] * found.delivered
+    scale_part = found.part
+    if found.scale_error is not None:
+        error = found.scale_error / scale
+        # Of a quotient; a divisor that is in doubt by half of itself says nothing.
+        scale_part = np.where(error < 0.5, error / (1.0 - np.minimum(error, 0.5)), np.inf)
+        scale_part = np.minimum(scale_part, solve_error.part(found.roundings, *g.shape[1:]))[:, :, np.newaxis]
+    part = found.part + scale_part
+    with np.errstate(over="ignore", invalid="ignore"):
+        solve_error.current().take(bound=_bound(part, driven))
+        # From all rows grounded to one driven: the part of its conductance to ground that a row loses, and what that
+        # takes off the voltage of its driver's node.
+        ohm = np.maximum([network.r_row_driven_ohm, network.r_row_grounded_ohm], _CONDUCTANCE_MIN_S)
+        lost = 1.0 if ohm[1] == np.inf else (ohm[1] - ohm[0]) / ohm[1]
+        change = _ratio(lost, found.node * scale)
+        if found.held is not None:
+            rest, error_rest = _rest(network, g, found, change, part)
+            if not np.isfinite(rest).all():
+                raise SimulatorError("array solve: current of offsets and leaks overflows; use smaller ones")
+        if network.r_return_ohm:
+            grounded = driven, rest, part, error_rest
+            driven, rest, part, error_rest = _lift(network, found, scale, change, grounded)
+            solve_error.current().take(bound=_bound(part, driven, error_rest))
+    return driven, rest, part, error_rest
 
-    lines = _RowLines(network, g)
-    grounded = np.full(network.rows, _conductance(network.r_row_grounded_ohm))
-    response = _respond(network, lines, grounded)
-    scale, driven, most = np.empty(g.shape[:2]), np.empty(g.shape), solve_error.balance(response.voltage)
-    missed = star_mesh.slots(
-        np.ascontiguousarray(lines.to_driver), grounded, response.lift, response.away, response.delivered,
-        network.r_row_driven_ohm, network.v_bias_v, _CURRENT_FLOOR_A / most, scale, driven,
-    )  # fmt: skip
-    _accept(missed, "in the slot of a row", most)
-    part = response.delivered_part + _scale_part(network, response, scale)
-    bound = part if isinstance(part, float) else _largest_part(_of(part, np.abs(driven)), driven)
-    figures = solve_error.Figures(max(missed, response.missed), response.condition, bound)
-    rest = error_rest = None
-    if response.mesh is not None:
-        rest, error_rest, figures.slots_alone = _rest(network, g, response, scale, record)
-    if network.r_return_ohm:
-        driven, rest, part, error_rest = _lift(
-            network, response, scale, _Solution(driven, rest, part, error_rest)
-        )
-        error = _of(part, driven) + (0.0 if error_rest is None else error_rest)
-        figures.bound = max(figures.bound, _largest_part(error, driven))
-    record.take(figures)
-    return _Solution(driven, rest, part, error_rest)
 
-
-def _largest_part(error: Floats, driven: Floats) -> float:
+def _bound(part: Floats | float, driven: Floats, error: Floats | None = None) -> float:
     """Largest error of a slot, of its largest current."""
-    most = np.abs(driven).max(axis=2, keepdims=True)
-    return float(np.divide(error, most, out=np.zeros_like(error), where=most > 0).max())
+    if isinstance(part, float):
+        return part
+    size = np.abs(driven)
+    off = solve_error.of(part, size) + (0.0 if error is None else error)
+    return float(_ratio(off, size.max(axis=2, keepdims=True)).max())
 
 
 def _lift(
-    network: Network, response: _Response, scale: Floats, grounded: _Solution
-) -> tuple[Floats, Floats | None, Floats, Floats | None]:
-    """Add the currents of the shared return, which `grounded` holds at 0 V; the fields of a
-    solution.
+    network: Network, response: _Response, scale: Floats, change: Floats, grounded: _Solution
+) -> _Solution:
+    """Add the currents of the shared return, which `grounded` holds at 0 V.
 
     In the slot of row r the other rows' drivers end at one node, at v ohm r_return to ground. By
     superposition it adds v times `seen`, the column currents a volt of that node: those of all
@@ -563,115 +410,102 @@ def _lift(
     sends into the node. Every quantity is a sum of positive terms where driven and grounded rows
     have the same resistance.
     """
-    ground = max(min(network.r_row_grounded_ohm, _R_OPEN_OHM), 1.0 / _G_SERIES_SHORT_S)
-    change = 0.0 if network.r_row_driven_ohm == ground else (ground - network.r_row_driven_ohm) / ground
+    driven, rest, part, error_rest = grounded
     # Floating rows have nodes of no conductance where no taxel is; here an open is one.
-    node = np.maximum(response.node, _conductance(ground))
-    with np.errstate(over="ignore", invalid="ignore"):
-        # Each row driven at 1 V with every row grounded through `ground`, then row r's own driver.
-        alone = (_conductance(ground) / node)[:, :, np.newaxis] * response.delivered
-        to_rows = np.maximum(response.away - response.delivered.sum(axis=2), 0.0)
-        sent = to_rows / scale
-        own = (change * sent / node)[:, :, np.newaxis] * response.delivered
-        others = _sum_of_others(alone)
-        seen = np.maximum(others - own, 0.0)
-        share = network.r_return_ohm / (1.0 + network.r_return_ohm * (seen.sum(axis=2) + sent))
-        volt = (network.v_bias_v * share * sent)[:, :, np.newaxis]
-        driven = grounded.driven + volt * seen
-        # Errors: of `sent`, a difference, and of `seen`; the factor counts the products and quotients of both.
-        part = (
-            8.0 * float(np.max(grounded.driven_part))
-            + (2 * network.rows + 2 * network.cols + 32) * solve_error.U
-        )
-        doubt = _of(part, others + np.abs(own))
-        sent_v = (network.v_bias_v * share * _of(part, response.away / scale))[:, :, np.newaxis]
-        error = _of(grounded.driven_part, grounded.driven) + volt * doubt + sent_v * (seen + doubt)
-        relative = np.divide(error, driven, out=np.zeros_like(driven), where=driven > 0)
-        rest, error_rest = grounded.rest, grounded.rest_error
-        if rest is not None and error_rest is not None:
-            source = network.v_column_offset_v + network.r_column_ohm * network.i_leak_a
-            lifted = share * (seen * source).sum(axis=2)
-            size = share * ((seen + doubt) * np.abs(source)).sum(axis=2)
-            rest = rest + lifted[:, :, np.newaxis] * seen
-            error_rest = error_rest + size[:, :, np.newaxis] * (2.0 * doubt + _of(part, seen))
-    relative = np.where(np.isnan(relative), np.inf, relative)
-    return driven, rest, relative, error_rest
-
-
-def _scale_part(network: Network, response: _Response, scale: Floats) -> Part:
-    """Return the relative error bound of the divisor in the driver of a row."""
-    if response.away_a is None or response.lift_v is None:
-        return response.delivered_part
-    # An ideal driver divides by nothing that is in doubt, however much what leaves its row is.
-    driver = network.r_row_driven_ohm * response.away_a if network.r_row_driven_ohm else 0.0
-    error = (driver + response.lift_v) / scale
-    # Of a quotient; a divisor that is in doubt by half of itself says nothing.
-    part = np.where(error < 0.5, error / (1.0 - np.minimum(error, 0.5)), np.inf)
-    return np.minimum(part, solve_error.part(response.voltage, network.rows, network.cols))[:, :, np.newaxis]
+    g_ground = max(float(_conductance(network.r_row_grounded_ohm)), _CONDUCTANCE_MIN_S)
+    node = np.maximum(response.node, g_ground)
+    # Each row driven at 1 V with every row grounded, then row r's own driver.
+    others = star_mesh.sum_of_others((g_ground / node)[:, :, np.newaxis] * response.delivered)
+    to_rows = np.maximum(response.away - response.delivered.sum(axis=2), 0.0)
+    own = (change * to_rows)[:, :, np.newaxis] * response.delivered
+    sent, seen = to_rows / scale, np.maximum(others - own, 0.0)
+    share = network.r_return_ohm / (1.0 + network.r_return_ohm * (seen.sum(axis=2) + sent))
+    volt = (network.v_bias_v * share * sent)[:, :, np.newaxis]
+    # Errors: of `sent`, a difference, and of `seen`; the factor counts the products and quotients of both.
+    each = 8.0 * float(np.max(part)) + (2 * network.rows + 2 * network.cols + 32) * solve_error.U
+    doubt = solve_error.of(each, others + np.abs(own))
+    sent_v = (network.v_bias_v * share * solve_error.of(each, response.away / scale))[:, :, np.newaxis]
+    error = solve_error.of(part, driven) + volt * doubt + sent_v * (seen + doubt)
+    driven = driven + volt * seen
+    if rest is not None and error_rest is not None:
+        source = network.v_column_offset_v + network.r_column_ohm * network.i_leak_a
+        lifted = share * (seen * source).sum(axis=2)
+        size = share * ((seen + doubt) * np.abs(source)).sum(axis=2)
+        rest = rest + lifted[:, :, np.newaxis] * seen
+        error_rest = error_rest + size[:, :, np.newaxis] * (2.0 * doubt + solve_error.of(each, seen))
+    relative = _ratio(error, driven)
+    return driven, rest, np.where(np.isnan(relative), np.inf, relative), error_rest
 
 
 def _rest(
-    network: Network,
-    g: Floats,
-    response: _Response,
-    scale: Floats,
-    record: solve_error.ErrorRecord,
-) -> tuple[Floats, Floats, int]:
-    """Currents that offsets and leaks drive and a bound of their error in ampere, [frames, rows,
-    cols], and how many slots were solved by themselves.
+    network: Network, g: Floats, response: _Response, change: Floats, part: Floats | float
+) -> tuple[Floats, Floats]:
+    """Currents that offsets and leaks drive and a bound of their error in ampere, [frames, rows, cols]
+    or [frames, 1, cols].
 
     With all rows grounded each is a sum over pairs of sources of a conductance times a difference
     of voltages, which loses nothing but what cancels by nature. The driven row is a change at one
     node, and that may cancel on top: such slots are solved by themselves.
     """
-    from dermis.array import star_mesh
-
-    delivered = response.delivered
-    pushed = network.r_column_ohm * network.i_leak_a
-    source = network.v_column_offset_v + pushed
-    ground, driver = network.r_row_grounded_ohm, network.r_row_driven_ohm
-    if ground == np.inf:
-        change = 1.0
-    elif ground == driver:
-        change = 0.0
-    else:
-        ground = max(ground, 1.0 / _G_SERIES_SHORT_S)
-        change = (ground - driver) / ground
-    held, error_held = _held_currents(network, response.mesh)
-    rest, error = np.empty((2, *delivered.shape))
-    doubtful = np.empty(delivered.shape[:2], dtype=bool)
-    star_mesh.driven_slots(
-        held, error_held, delivered, _three(response.delivered_part), source,
-        np.abs(network.v_column_offset_v) + np.abs(pushed), response.node, scale, change,
-        _three(_scale_part(network, response, scale)), record.tolerance_a(network.cols), rest, error,
-        doubtful,
-    )  # fmt: skip
-    slots = np.argwhere(doubtful)
-    for row in set(slots[:, 1].tolist()):
-        frames = slots[slots[:, 1] == row, 0]
-        grounded = np.full(network.rows, _conductance(ground))
-        grounded[row] = _conductance(driver)
-        alone = _respond(network, _RowLines(network, g[frames]), grounded)
-        rest[frames, row], error[frames, row] = _held_currents(network, alone.mesh)
-    if not np.isfinite(rest).all():
-        raise SimulatorError("array solve: current of offsets and leaks overflows; use smaller ones")
-    return rest, error, len(slots)
+    assert response.held is not None
+    held, error_held = (of[:, np.newaxis] for of in response.held)
+    offset, pushed = network.v_column_offset_v, network.r_column_ohm * network.i_leak_a
+    if not change.any():
+        return held, error_held
+    delivered, record = response.delivered, solve_error.current()
+    lifted = change[:, :, np.newaxis] * delivered
+    rest = held - lifted * np.matmul(delivered, offset + pushed)[:, :, np.newaxis]
+    size, lifted = (np.abs(offset) + np.abs(pushed))[:, np.newaxis], np.abs(lifted)
+    doubt = np.matmul(solve_error.of(response.part, delivered), size) + part * np.matmul(delivered, size)
+    error = solve_error.of(doubt, lifted) + error_held
+    doubtful = ((lifted > 0) & ~(error <= record.tolerance_a(network.cols))).any(axis=2)
+    record.take(slots_alone=int(doubtful.sum()))
+    for row in np.flatnonzero(doubtful.any(axis=0)):
+        frames = np.flatnonzero(doubtful[:, row])
+        grounded = np.full(network.rows, _conductance(network.r_row_grounded_ohm))
+        grounded[row] = _conductance(network.r_row_driven_ohm)
+        alone = _respond(network, _row_lines(network, g[frames]), grounded).held
+        assert alone is not None
+        rest[frames, row], error[frames, row] = alone
+    return rest, error
 
 
-def _held_currents(network: Network, mesh: _Mesh | None) -> tuple[Floats, Floats]:
+def _held_currents(
+    network: Network,
+    between: Floats,
+    ground: Floats,
+    own: Floats,
+    between_part: Floats | float,
+    ground_part: Floats | float,
+    most: float,
+) -> tuple[Floats, Floats]:
     """Column currents that offsets and leaks drive with every row on ground, and a bound of their
-    error in ampere, [frames, cols] each."""
-    from dermis.array import star_mesh
+    error in ampere, [frames, cols] each.
 
-    assert mesh is not None
-    leak, held, error = network.i_leak_a, np.empty(mesh.ground.shape), np.empty(mesh.ground.shape)
-    parts = _three(mesh.between_part), _three(mesh.ground_part), _three(mesh.own_part)
+    `between` [frames, cols, cols] are the conductances from source to source after elimination of all
+    nodes, changed here to a diagonal of 0, `ground` [frames, cols] those to ground, `own` [frames, cols]
+    the voltages of the columns' last nodes under their own source of 1 V. A source at 1 V: what it sends
+    to others and to ground, through its own resistance, leaves the rest of 1 V; and what it sends to
+    another is what that one would send to it.
+    """
+    offset, leak, at = network.v_column_offset_v, network.i_leak_a, np.arange(network.cols)
+    between[:, at, at] = 0.0
+    sent = between.sum(axis=1) + ground
+    behind = network.r_trace_column_ohm + network.r_column_ohm
+    _check(behind * sent + own, np.ones_like(own), "from the source of a column", most)
+    _check(between, between.transpose(0, 2, 1), "from one column to another", most)
+    # A leak enters in front of the last segment: what it sees there is that and the array behind it.
+    own = own + network.r_trace_column_ohm * sent
+    apart, pushed = offset - offset[:, np.newaxis], network.r_column_ohm * leak
+    held = (between * (apart + pushed)).sum(axis=2) - ground * offset + own * leak
     # The differences and the sums of these few terms round as well.
     rounding = (2 * network.cols + 8) * solve_error.U
-    star_mesh.held_currents(
-        mesh.between, mesh.ground, mesh.own, parts, rounding, network.v_column_offset_v, leak,
-        network.r_column_ohm * leak, held, error,
-    )  # fmt: skip
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = solve_error.of(between_part + rounding, between * (np.abs(apart) + np.abs(pushed))).sum(
+            axis=2
+        )
+        error += solve_error.of(ground_part + rounding, ground * np.abs(offset))
+        error += solve_error.of(np.max(between_part) + rounding, own * np.abs(leak))
     return held, error
 
 
@@ -679,91 +513,63 @@ def _held(network: Network) -> bool:
     return bool(network.v_column_offset_v.any() or network.i_leak_a.any())
 
 
-def _add_neighbours(link: Floats, g: float) -> None:
-    at = np.arange(link.shape[1] - 1)
-    link[:, at, at + 1] += g
-    link[:, at + 1, at] += g
+def _row_lines(network: Network, g: Floats) -> star_mesh.Lines:
+    if not network.r_trace_row_ohm:
+        return star_mesh.Lines(g, g, g, g, False)
+    lines = star_mesh.Lines(g, *np.empty((3, *g.shape)), True)
+    star_mesh.ladder(g, float(_conductance(network.r_trace_row_ohm)), *lines[1:4])
+    return lines
 
 
-def _respond(network: Network, lines: _RowLines, g_ground: Floats) -> _Response:
+def _respond(network: Network, lines: star_mesh.Lines, g_ground: Floats) -> _Response:
     """Return the response to all drives with rows on ground through `g_ground` [rows]."""
-    chained = network.r_trace_column_ohm > 0
-    return (_respond_chain if chained else _respond_columns)(network, lines, g_ground)
+    return (_respond_chain if network.r_trace_column_ohm else _respond_columns)(network, lines, g_ground)
 
 
-def _respond_columns(network: Network, lines: _RowLines, g_ground: Floats) -> _Response:
+def _respond_columns(network: Network, lines: star_mesh.Lines, g_ground: Floats) -> _Response:
     """Every column line is one node."""
     rows, cols = network.rows, network.cols
-    g_column = _conductance(network.r_column_ohm)
-    g = lines.to_driver
+    g, g_column = lines.to_driver, _conductance(network.r_column_ohm)
 
     # Star-mesh of every driver's node. link[c, d] joins two columns, leak[c] goes to ground.
     node = g.sum(axis=2) + g_ground
     share = _ratio(g, node[:, :, np.newaxis])
     link = np.matmul(share.transpose(0, 2, 1), g)
     if lines.bent:
-        link += lines.between()
+        star_mesh.add_between(link, lines)
     if network.g_lateral_row_s:
-        _add_neighbours(link, rows * network.g_lateral_row_s)
+        link += rows * network.g_lateral_row_s * (np.eye(cols, k=1) + np.eye(cols, k=-1))
     own = np.arange(cols)
     link[:, own, own] = 0.0
     leaks = g_ground[:, np.newaxis] * share
     leak = leaks.sum(axis=1)
 
     # One right-hand side a row; and, for offsets and leaks, one a column: its source at 1 V.
-    drive = g.transpose(0, 2, 1)
-    held, missed, condition = _held(network), 0.0, 1.0
+    drive, sources = g.transpose(0, 2, 1), cols if _held(network) else 0
     roundings = solve_error.elements(rows, cols, lines.bent)
     if network.r_column_ohm.any():
-        if held:
-            sources = np.broadcast_to(np.diag(g_column), link.shape)
-            drive = np.concatenate([drive, sources], axis=2)
+        if sources:
+            drive = np.concatenate([drive, np.broadcast_to(np.diag(g_column), link.shape)], axis=2)
         roundings = solve_error.one_matrix(cols, roundings)
-        u, missed, condition = _eliminate(
-            link, leak + g_column, drive, solve_error.balance(roundings), cols if held else 0
-        )
-        delivered = g_column[:, np.newaxis] * u
+        v = _eliminate(link, leak + g_column, drive, solve_error.balance(roundings), sources)
+        delivered = g_column[:, np.newaxis] * v
     else:
-        u = np.zeros_like(drive)
-        delivered = drive
-    moved, delivered_rows = (v[:, :, :rows].transpose(0, 2, 1) for v in (u, delivered))
+        v, delivered = np.zeros_like(drive), drive
+        if sources:
+            v = np.concatenate([v, np.broadcast_to(np.eye(cols), link.shape)], axis=2)
+            delivered = np.concatenate([drive, link], axis=2)
+    moved, delivered_rows = (of[:, :, :rows].transpose(0, 2, 1) for of in (v, delivered))
     away = delivered_rows.sum(axis=2)
-    away += (_sum_of_others(leaks) * moved).sum(axis=2)
+    away += np.einsum("frc,frc->fr", star_mesh.sum_of_others(leaks), moved)
+    lift = _ratio(np.einsum("frc,frc->fr", g, moved), node)
     part = solve_error.part(roundings, rows, cols)
-    mesh = None
-    if held and network.r_column_ohm.any():
-        between, across = delivered[:, :, rows:].copy(), u[:, :, rows:]
-        between[:, own, own] = 0.0
+    response = _Response(np.ascontiguousarray(delivered_rows), node, lift, away, roundings, part)
+    if sources:
+        between, across = delivered[:, :, rows:], v[:, :, rows:]
         ground = (leak[:, :, np.newaxis] * across).sum(axis=1)
-        mesh = _Mesh(between, ground, np.ascontiguousarray(across[:, own, own]), part, part, part)
-        missed = max(missed, _check_mesh(mesh, network.r_column_ohm, solve_error.balance(roundings)))
-    elif held:
-        mesh = _Mesh(link, leak, np.ones_like(leak), part, part, part)
-    lift = _ratio((g * moved).sum(axis=2), node)
-    delivered_rows = np.ascontiguousarray(delivered_rows)
-    return _Response(delivered_rows, node, lift, away, mesh, roundings, missed, condition, part)
-
-
-def _check_mesh(mesh: _Mesh, resistance: Floats, most: float) -> float:
-    """A source at 1 V: what it sends to others and to ground, through its own resistance, leaves
-    the rest of 1 V; and what it sends to another is what that one would send to it."""
-    from dermis.array import star_mesh
-
-    away, apart = star_mesh.mesh_misses(
-        mesh.between, mesh.ground, mesh.own, resistance, _CURRENT_FLOOR_A / most
-    )
-    _accept(away, "from the source of a column", most)
-    _accept(apart, "from one column to another", most)
-    return float(max(away, apart))
-
-
-def _sum_of_others(values: Floats) -> Floats:
-    """Sum along axis 1 of all elements but the one at each place, without a subtraction."""
-    from dermis.array import star_mesh
-
-    others = np.empty(values.shape)
-    star_mesh.sum_of_others(np.ascontiguousarray(values), others)
-    return others
+        most, response.mesh = solve_error.balance(roundings), (between, ground)
+        response.held = _held_currents(network, between, ground, across[:, own, own], part, part, most)
+    return response
 
 
 # A bound from counted roundings up to this is good enough for any code; beyond it the residuals of every drive at
@@ -771,74 +577,44 @@ def _sum_of_others(values: Floats) -> Floats:
 _COUNTED_ENOUGH = 1e-9
 
 
-def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Response:
+def _respond_chain(network: Network, lines: star_mesh.Lines, g_ground: Floats) -> _Response:
     """Every column line is a chain of one node a row: all drives walk up and down through the
     inverses of blocks of one row, which are eliminated from the inputs up.
     """
-    from dermis.array import star_mesh
-
-    behind = network.r_trace_column_ohm + network.r_column_ohm
-    g_end = _conductance(behind)
+    g_end = _conductance(network.r_trace_column_ohm + network.r_column_ohm)
     step = float(_conductance(network.r_trace_column_ohm)) + network.g_lateral_column_s
-    g = lines.to_driver
-    frames, rows, cols = g.shape
-    sources = cols if _held(network) else 0
+    rows, cols, sources = network.rows, network.cols, network.cols if _held(network) else 0
     roundings = solve_error.chain(rows, cols, solve_error.elements(rows, cols, lines.bent))
-    part = solve_error.part(roundings, rows, cols)
-    first, drives = star_mesh.ROWS + rows, star_mesh.ROWS + rows + sources
-    (node, lift), away = np.empty((2, frames, rows)), np.empty((frames, drives))
-    last = np.empty((frames, drives, cols))
-    largest, volt = np.empty(frames), np.empty((frames, drives) if part > _COUNTED_ENOUGH else (0, 0))
-    pass_on, seen = (lines.pass_on, lines.seen) if lines.bent else (g, g)
-    missed = star_mesh.chain(
-        lines.g, pass_on, seen, lines.bent, g, g_ground, float(network.g_lateral_row_s), step, g_end,
-        node, lift, away, last, largest, volt,
+    part, most = solve_error.part(roundings, rows, cols), solve_error.balance(roundings)
+    found = star_mesh.chain(
+        lines, g_ground, float(network.g_lateral_row_s), step, g_end, sources, part > _COUNTED_ENOUGH,
+        _CURRENT_FLOOR_A / most,
     )  # fmt: skip
-    _accept(missed, "at a node", solve_error.balance(roundings))
-    of_rows = slice(star_mesh.ROWS, first)
+    # |inverse| |matrix| 1 is at most twice the voltages under what each node would pass on at 1 V.
+    solve_error.current().take(condition=float(2.0 * found.largest.max()))
+    _accept(found.missed, "at a node", most)
+    of_rows, of_sources = slice(star_mesh.ROWS, star_mesh.ROWS + rows), slice(star_mesh.ROWS + rows, None)
+    last, to_ground = found.last, found.away[:, star_mesh.MEASURE, np.newaxis]
     response = _Response(
-        g_end * last[:, of_rows],
-        node,
-        lift,
-        np.ascontiguousarray(away[:, of_rows]),
-        None,
-        roundings,
-        missed,
-        # |inverse| |matrix| 1 is at most twice the voltages under what each node would pass on at 1 V.
-        float(2.0 * largest.max()),
-        part,
+        g_end * last[:, of_rows], found.node, found.lift, found.away[:, of_rows].copy(), roundings, part
     )
-    found, to_ground = None, away[:, star_mesh.MEASURE]
-    if volt.size:
+    across, ground = last[:, of_sources].transpose(0, 2, 1), found.away[:, of_sources]
+    between_part = ground_part = part
+    if found.volt.size:
         # Residuals bound voltages: by what a drive misses, times what `largest` stands for.
         with np.errstate(over="ignore", invalid="ignore"):
-            off = volt[:, :, np.newaxis] * last[:, np.newaxis, star_mesh.MEASURE]
-            found = np.divide(off, last, out=np.zeros_like(off), where=last > 0)
-            found = np.fmin(np.where(np.isnan(found), np.inf, found), part)
-            response.away_a = volt[:, of_rows] * to_ground[:, np.newaxis]
-            response.lift_v = volt[:, of_rows] * largest[:, np.newaxis]
-        response.delivered_part = found[:, of_rows]
+            off = found.volt[:, :, np.newaxis] * last[:, np.newaxis, star_mesh.MEASURE]
+            parts = np.fmin(_ratio(off, last), part)
+            off = found.volt * to_ground
+            ground_part = np.fmin(_ratio(off[:, of_sources], ground), part) if sources else part
+            # An ideal driver divides by nothing that is in doubt, however much what leaves its row is.
+            response.scale_error = solve_error.of(off[:, of_rows], np.float64(network.r_row_driven_ohm))
+            response.scale_error += found.volt[:, of_rows] * found.largest[:, np.newaxis]
+        response.part, between_part = parts[:, of_rows], parts[:, of_sources].transpose(0, 2, 1)
     if sources:
-        own = np.arange(cols)
-        across = np.ascontiguousarray(last[:, first:].transpose(0, 2, 1))
-        ground = np.ascontiguousarray(away[:, first:])
-        between, tau = g_end[:, np.newaxis] * across, np.ascontiguousarray(across[:, own, own])
-        between[:, own, own] = 0.0
-        sent = between.sum(axis=1) + ground
-        # A leak enters in front of the last segment: what it sees there is that and the array behind it.
-        response.mesh = mesh = _Mesh(
-            between, ground, tau + network.r_trace_column_ohm * sent, part, part, part
-        )
-        seen_by = _Mesh(between, ground, tau, part, part, part)
-        response.missed = max(missed, _check_mesh(seen_by, behind, solve_error.balance(roundings)))
-        if found is not None:
-            mesh.between_part = found[:, first:].transpose(0, 2, 1)
-            with np.errstate(over="ignore", invalid="ignore"):
-                off = volt[:, first:] * to_ground[:, np.newaxis]
-                mesh.ground_part = np.fmin(
-                    np.divide(off, ground, out=np.zeros_like(off), where=ground > 0), part
-                )
-            mesh.own_part = mesh.between_part.max(axis=(1, 2), keepdims=True)[:, :, 0]
+        between = g_end[:, np.newaxis] * across
+        own, response.mesh = np.diagonal(across, axis1=1, axis2=2), (between, ground)
+        response.held = _held_currents(network, between, ground, own, between_part, ground_part, most)
     return response
 
 
@@ -847,18 +623,13 @@ def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Res
 _PANEL = 64
 
 
-def _eliminate(
-    link: Floats, leak: Floats, drive: Floats, most: float, own: int = 0
-) -> tuple[Floats, float, float]:
+def _eliminate(link: Floats, leak: Floats, drive: Floats, most: float, own: int = 0) -> Floats:
     """Solve (leak + sum of links) v - link v = drive for v, [frames, n, m], by star-mesh steps.
 
     Steps go in panels, so that the bulk is a product of matrices, still of sums only. The last
-    `own` drives, n or none, go into one node each. Returns v, how far Kirchhoff's law is missed
-    (refused above `most`) and a bound of Skeel's condition number.
+    `own` drives, n or none, go into one node each. A solution that misses Kirchhoff's law by more
+    than `most` is refused.
     """
-    # Loading the compiled steps takes a moment that a scene without a solve does not need to wait.
-    from dermis.array import star_mesh
-
     n = leak.shape[1]
     # Links, ground and drives side by side: an elimination does the same to all of them.
     work = np.concatenate([link, leak[:, :, np.newaxis], drive], axis=2)
@@ -874,42 +645,32 @@ def _eliminate(
         if last < n:
             v[:, first:last] += np.matmul(work[:, first:last, last:n], v[:, last:])
         star_mesh.up(work, pivot, first, last)
-    missed, condition = _check_kirchhoff(link, leak, drive, v, most)
-    return v, missed, condition
+    _check_kirchhoff(link, leak, drive, v, most)
+    return v
 
 
-def _check_kirchhoff(
-    link: Floats, leak: Floats, drive: Floats, v: Floats, most: float
-) -> tuple[float, float]:
-    """Check Kirchhoff's law at every node for all drives together, and for every drive over all
-    nodes.
+def _check_kirchhoff(link: Floats, leak: Floats, drive: Floats, v: Floats, most: float) -> None:
+    """Check Kirchhoff's law at every node for all drives together, each at unit strength.
 
-    Drives and voltages are 0 or above. Returns the largest miss, and 2 max(out / leak): the inverse
-    turns leaks into 1 V everywhere, so no row of |inverse| |matrix| sums to more.
+    Drives and voltages are 0 or above. Records 2 max(out / leak) as a bound of the condition: the
+    inverse turns leaks into 1 V everywhere, so no row of |inverse| |matrix| sums to more.
     """
-    magnitude = drive.sum(axis=1)
-    weight = (1.0 / np.maximum(magnitude, _CURRENT_FLOOR_A))[:, :, np.newaxis]
+    weight = 1.0 / np.maximum(drive.sum(axis=1), _CURRENT_FLOOR_A)[:, :, np.newaxis]
     node_v = np.matmul(v, weight)
-    out = (leak + link.sum(axis=2))[:, :, np.newaxis]
+    out = leak + link.sum(axis=2)
     came = np.matmul(drive, weight) + np.matmul(link, node_v)
-    missed = _check_balance(out * node_v, came, "at a node", most)
-    across = np.matmul(leak[:, np.newaxis, :], v)[:, 0]
-    missed = max(missed, _check_balance(across, magnitude, "from one source", most))
+    _check(out[:, :, np.newaxis] * node_v, came, "at a node", most)
     with np.errstate(over="ignore", divide="ignore"):
-        condition = 2.0 * float((out[:, :, 0] / leak).max())
-    return missed, condition
+        solve_error.current().take(condition=2.0 * float((out / leak).max()))
 
 
-def _check_balance(left: Floats, right: Floats, where: str, most: float) -> float:
-    """Compare sums of currents that are 0 or above; returns the largest miss, of both."""
-    from dermis.array import star_mesh
-
-    worst = float(star_mesh.miss(left.ravel(), right.ravel(), _CURRENT_FLOOR_A / most))
-    _accept(worst, where, most)
-    return worst
+def _check(left: Floats, right: Floats, where: str, most: float) -> None:
+    """Compare sums of currents or voltages that are 0 or above."""
+    _accept(float(star_mesh.miss(left.ravel(), right.ravel(), _CURRENT_FLOOR_A / most)), where, most)
 
 
 def _accept(worst: float, where: str, most: float) -> None:
+    solve_error.current().take(residual=worst)
     if not worst <= most:
         raise SimulatorError(
             f"array solve: Kirchhoff's current law is missed by {worst:.1e} of the current {where}"

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis.array import star_mesh
 from dermis.errors import SimulatorError
 
 Floats = NDArray[np.float64]
@@ -80,22 +81,20 @@ def part(voltage: float, rows: int, cols: int) -> float:
     return bound if bound < _HOPELESS else np.inf
 
 
+def of(part: float | Floats, size: Floats) -> Floats:
+    """Return part * size for sizes of 0 or above; 0 for a size of 0, also if the part is
+    infinite.
+    """
+    product = part * size
+    return product if isinstance(part, float) and part < np.inf else np.where(size > 0, product, 0.0)
+
+
 def balance(voltage: float) -> float:
     """Return the allowed relative miss of Kirchhoff's law: that of rounded voltages.
 
     Where that bound says little, 1e-9: a wrong term is of order 1.
     """
     return min(1e-9, 4 * (voltage + 8) * U)
-
-
-@dataclass
-class Figures:
-    """Error figures of one solve, as in ErrorRecord."""
-
-    residual: float = 0.0
-    condition: float = 1.0
-    bound: float = 0.0
-    slots_alone: int = 0
 
 
 @dataclass
@@ -135,12 +134,14 @@ class ErrorRecord:
         # A millionth of an LSB; without codes a millionth of the design's, 0.5 V / 64 kohm / 256.
         return np.full(cols, 1e-12) if self.lsb_a is None else 1e-6 * self.lsb_a
 
-    def take(self, figures: Figures) -> None:
+    def take(
+        self, residual: float = 0.0, condition: float = 1.0, bound: float = 0.0, slots_alone: int = 0
+    ) -> None:
         """Add the figures of a solve."""
-        self.residual = max(self.residual, figures.residual)
-        self.condition = max(self.condition, figures.condition)
-        self.bound = max(self.bound, figures.bound)
-        self.slots_alone += figures.slots_alone
+        self.residual = max(self.residual, residual)
+        self.condition = max(self.condition, condition)
+        self.bound = max(self.bound, bound)
+        self.slots_alone += slots_alone
 
     def check(
         self, driven: Floats, rest: Floats | None, part: float | Floats, rest_error: Floats | None
@@ -163,16 +164,14 @@ class ErrorRecord:
         """
         if self.lsb_a is None or self.reach_a is None:
             return
-        where, worst = "any taxel", 0.0
+        where, worst = "any taxel", float(np.max(part * (self.reach_a / self.lsb_a)))
         if rest is not None or isinstance(part, np.ndarray):
-            from dermis.array import star_mesh
-
-            parts = np.array(part, dtype=float, ndmin=3, order="C")
-            other, error = np.zeros((2, *driven.shape)) if rest is None else (rest, rest_error)
-            worst, row, column = star_mesh.worst_code(driven, other, parts, error, self.reach_a, self.lsb_a)
+            with np.errstate(over="ignore", invalid="ignore"):
+                total, error = driven, of(part, np.abs(driven))
+                if rest is not None:
+                    total, error = driven + rest, error + rest_error
+            worst, row, column = star_mesh.worst_code(total, error, self.reach_a, self.lsb_a)
             where = f"row {row}, column {column}"
-        else:
-            worst = part * float((self.reach_a / self.lsb_a).max())
         if not worst <= LIMIT_LSB:
             raise SimulatorError(
                 f"array solve: the current of {where} is uncertain by {worst:.1e} LSB (limit {LIMIT_LSB:g}), since "
