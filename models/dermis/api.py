@@ -134,7 +134,6 @@ def simulate(
     seed: int | None = None,
     design: DesignLike | None = None,
     processes: int = 1,
-    scheduler: str | None = None,
     simulator: str | None = None,
     **tables: Any,
 ) -> Result:
@@ -160,8 +159,6 @@ def simulate(
     processes : int
         Processes of this machine for the frames. A script must then guard its own code by
         `if __name__ == "__main__"`.
-    scheduler : str, optional
-        Address of a Dask scheduler, such as tcp://host:8786, for the frames.
     simulator : str, optional
         "icarus" or "verilator", for engines rtl and cosim.
     **tables
@@ -184,7 +181,7 @@ def simulate(
         raise InputError(_HERE, "simulator", schema.quoted(simulator), "engine rtl or cosim")
     if not isinstance(processes, int) or not 1 <= processes <= 1024:
         raise InputError(_HERE, "processes", processes, "a whole number 1..1024")
-    done = batch.run(made, processes=processes, scheduler=scheduler, **options)
+    done = batch.run(made, processes=processes, **options)
     return Result(done.codes, done.info, plan=made)
 
 

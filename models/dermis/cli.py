@@ -116,9 +116,6 @@ def cli() -> None:
     help="Parallel processes, which share the frames.",
 )
 @click.option(
-    "--scheduler", metavar="ADDRESS", help="Dask cluster that runs the frames, such as tcp://host:8786."
-)
-@click.option(
     "--simulator",
     type=click.Choice(["icarus", "verilator"]),
     help="Verilog simulator of rtl and cosim; default: verilator for rtl, icarus for cosim.",
@@ -142,7 +139,6 @@ def run(
     engine: str | None,
     out: str | None,
     processes: int,
-    scheduler: str | None,
     simulator: str | None,
     waves: bool,
     views: str | None,
@@ -165,15 +161,12 @@ def run(
     for option, given, able in (("--simulator", simulator, ("rtl", "cosim")), ("--waves", waves, ("cosim",))):
         if given and made.engine not in able:
             raise InputError("command line", option, made.engine, f"engine {' or '.join(able)}")
-    if scheduler is not None and (processes > 1 or waves):
-        other = "--processes" if processes > 1 else "--waves"
-        raise InputError("command line", f"--scheduler and {other}", scheduler, "one of the two")
     options: dict[str, Any] = {"simulator": simulator} if simulator else {}
     options |= {"record": True} if waves else {}
     with output.place(target) as where:
         start, begin = time.perf_counter(), cpu_time.cpu_used_s()
         with progress.slots(path.stem, made.frames * made.rows) as on_slots:
-            result = batch.run(made, on_slots, processes=processes, scheduler=scheduler, **options)
+            result = batch.run(made, on_slots, processes=processes, **options)
         info = result.info
         info["cpu_seconds"] = cpu_time.cpu_used_s() - begin
         info["seconds"] = time.perf_counter() - start

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Batches: the same codes from any number of processes or Dask workers, and a clean end of every kind."""
+"""Batches: the same codes from any number of processes, and a clean end of every kind."""
 
 from __future__ import annotations
 
@@ -67,32 +67,6 @@ def test_any_number_of_processes_gives_the_same_codes(make_plan, processes: int)
     assert len(seen) >= min(processes, 2)
 
 
-def test_a_dask_cluster_gives_the_same_codes(make_plan, monkeypatch: pytest.MonkeyPatch) -> None:
-    distributed = pytest.importorskip("distributed")
-    made = make_plan(auto={})
-    seen: list[int] = []
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
-    ) as cluster:
-        result = batch.run(made, seen.append, scheduler=cluster.scheduler_address)
-        with pytest.raises(InputError, match="lines that settle"):
-            batch.run(_failing(make_plan, monkeypatch), scheduler=cluster.scheduler_address)
-    expected = engines.run(made)
-    assert np.array_equal(result.codes, expected.codes)
-    for name in ("decided", "level_1", "everything", "effects"):
-        assert result.info["filter"][name] == expected.info["filter"][name]
-    assert seen[-1] == FRAMES * SIZE
-
-
-def test_a_scheduler_that_is_not_there_is_a_mistake_of_the_user(
-    make_plan, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(batch, "CONNECT_S", 1)
-    for address in ("tcp://127.0.0.1:1", "nonsense"):
-        with pytest.raises(InputError, match="--scheduler"):
-            batch.run(make_plan(), scheduler=address)
-
-
 def _failing(make_plan, monkeypatch: pytest.MonkeyPatch) -> Plan:
     """Fails in the engine, since nobody looks on the way in: lines that have not settled, with resistance."""
     monkeypatch.setattr(engines, "check", lambda _: None)
@@ -104,11 +78,6 @@ def test_a_part_that_fails_ends_the_run_with_its_error(make_plan, monkeypatch: p
     with pytest.raises(InputError, match="lines that settle") as raised:
         batch.run(_failing(make_plan, monkeypatch), processes=2)
     assert raised.value.key == "effects.line_capacitance"
-
-
-def test_another_version_of_the_package_is_refused(make_plan) -> None:
-    with pytest.raises(SimulatorError, match="another version"):
-        batch._run_part(make_plan().part(0, 1), "an old one", {})
 
 
 DECIDE = (

@@ -111,8 +111,6 @@ WRONG = [  # a command, and what its one line must say
     ("run single_touch --processes 0", "1<=x<=1024"),
     ("run single_touch --processes many", "'many'"),
     ("run uniform_staircase --processes 2 --engine cosim", "1 for engine cosim"),
-    ("run single_touch --processes 2 --scheduler tcp://127.0.0.1:1", "one of the two"),
-    ("run single_touch --scheduler nonsense", "tcp://host:8786"),
     ("plan no_such_scene", "single_touch"),
     ("plan single_touch --engine magic", "engine = magic"),
     ("auto-check --scenes -1", "x>=1"),
