@@ -15,7 +15,7 @@ from dermis.chip.sky130 import CORNERS
 from dermis.files import write_between
 from dermis.report import verdict
 from dermis.report.figures import BLUE, GREEN, GREY, ORANGE, RED, save
-from dermis.report.machine import machine_line
+from dermis.report.output import machine_line
 from dermis.scene.design import ROOT
 from scripts.characterise import benches
 from scripts.characterise.benches import BENCHES

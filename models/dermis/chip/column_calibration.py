@@ -11,7 +11,7 @@ for firmware.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,16 +120,6 @@ def duty(counts: Floats, gates: Sequence[int]) -> Floats:
     # The preset rounds: count c says c - 1/2 <= gate x < c + 1/2.
     low, high = np.max((counts - 0.5) / clocks, axis=0), np.min((counts + 0.5) / clocks, axis=0)
     return 0.5 * (np.maximum(low, 0.0) + np.minimum(high, 1.0))
-
-
-def run(steps: Steps[Columns], transact: Callable[[spi.Transaction[Any]], Any]) -> Columns:
-    """Run `measure` with a function that makes one transaction, chip select around it."""
-    try:
-        step = next(steps)
-        while True:
-            step = steps.send(transact(step))
-    except StopIteration as done:
-        return done.value
 
 
 def _write(address: int, value: int) -> Steps[None]:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,24 +49,20 @@ def array_subckt(
 
     Parameters
     ----------
-    rows, cols
-        Size of the array.
     resistance_ohm
-        Scalar or [rows, cols] in ohm; inf leaves the element out, what is below array.r_floor_ohm of the
+        Scalar or [rows, cols]; inf leaves the element out, what is below array.r_floor_ohm of the
         design becomes that. None makes each taxel a parameter ``r_r3c4_ohm``, r_max_ohm by default.
     lateral_ohm
-        Scalar or [rows, cols - 1] in ohm (inf and 0 as above), None to leave the lateral resistors out,
+        Scalar or [rows, cols - 1] (inf and 0 as above), None to leave the lateral resistors out,
         "parameter" to make them all ``{r_lateral_ohm}``, a parameter of the subckt.
-    name
-        Name of the subckt.
     design
         Where the defaults come from; models/design.toml when None.
     lateral_column_ohm
-        Lateral resistors along a column, in ohm; None to leave them out.
+        Lateral resistors along a column; None to leave them out.
     trace_row_ohm, trace_column_ohm
-        Of a row and of a column line a taxel pitch, in ohm; 0 writes no element and makes the line one node.
+        Of a row and of a column line a taxel pitch; 0 writes no element and makes the line one node.
     taxel_f
-        Capacitance across every taxel in farad, ``ctaxel_r3c4``; 0 writes none.
+        Capacitance across every taxel, ``ctaxel_r3c4``; 0 writes none.
     slope_s_per_s
         [rows, cols] in siemens a second: how fast conductances change. A taxel that does is a source
         ``btaxel_r3c4`` and no resistor; its resistance is that at time 0.
@@ -75,41 +70,33 @@ def array_subckt(
     Raises
     ------
     InputError
-        Wrong shape, NaN, negative or non-numeric values.
+        Wrong shape, NaN, negative or non-numeric resistances.
     """
-    if rows < 1 or cols < 1:
-        raise InputError("array", "rows, cols", f"{rows}, {cols}", "at least 1 each")
-    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
-        raise InputError("array", "name", repr(name), "a lower_snake word")
     design = design or design_module.load()
     floor = design.array.r_floor_ohm
     params: list[str] = []
     elements: list[str] = []
+    cells = [(r, c) for r in range(rows) for c in range(cols)]
 
     def row_node(r: int, c: int) -> str:
-        return f"u_r{r}c{c}" if trace_row_ohm else f"r{r}"
+        return f"u_r{r}c{c}" if trace_row_ohm and c >= 0 else f"r{r}"
 
     def inner(r: int, c: int) -> str:
-        return f"v_r{r}c{c}" if trace_column_ohm else f"c{c}"
+        return f"v_r{r}c{c}" if trace_column_ohm and r < rows else f"c{c}"
 
-    def resistors(name: str, key: str, values: ArrayLike, step: tuple[int, int]) -> None:
+    def resistors(name: str, key: str, values: ArrayLike, down: int, right: int) -> None:
         """Add resistors from every inner electrode to the one a step away."""
-        down, right = step
         for (r, c), ohm in _resistances(key, values, (rows - down, cols - right)):
             if math.isfinite(ohm):
                 ends = f"{inner(r, c)} {inner(r + down, c + right)}"
                 elements.append(f"{name}_r{r}c{c} {ends} {spice_number(max(ohm, floor))}")
 
-    cells = [(r, c) for r in range(rows) for c in range(cols)]
     if resistance_ohm is None:
         default = spice_number(design.sensor.r_max_ohm)
         params += [f"r_r{r}c{c}_ohm={default}" for r, c in cells]
         elements += [f"rtaxel_r{r}c{c} {row_node(r, c)} {inner(r, c)} {{r_r{r}c{c}_ohm}}" for r, c in cells]
     else:
-        slope = np.zeros((rows, cols)) if slope_s_per_s is None else np.asarray(slope_s_per_s, dtype=float)
-        if slope.shape != (rows, cols) or not np.isfinite(slope).all():
-            allowed = f"finite, shape {(rows, cols)}"
-            raise InputError("array", "slope_s_per_s", f"shape {slope.shape}", allowed)
+        slope = np.broadcast_to(0.0 if slope_s_per_s is None else np.asarray(slope_s_per_s), (rows, cols))
         for (r, c), ohm in _resistances("resistance_ohm", resistance_ohm, (rows, cols)):
             ends = row_node(r, c), inner(r, c)
             if slope[r, c]:
@@ -121,26 +108,22 @@ def array_subckt(
     if taxel_f:
         farad = spice_number(float(taxel_f))
         elements += [f"ctaxel_r{r}c{c} {row_node(r, c)} {inner(r, c)} {farad}" for r, c in cells]
-
-    if isinstance(lateral_ohm, str):
-        if lateral_ohm != "parameter":
-            raise InputError("array", "lateral_ohm", repr(lateral_ohm), 'a number, None or "parameter"')
+    if isinstance(lateral_ohm, str) and lateral_ohm == "parameter":
         params.append(f"r_lateral_ohm={spice_number(design.array.r_lateral_ohm)}")
         pairs = [(r, c) for r, c in cells if c < cols - 1]
         elements += [f"rlat_r{r}c{c} {inner(r, c)} {inner(r, c + 1)} {{r_lateral_ohm}}" for r, c in pairs]
     elif lateral_ohm is not None:
-        resistors("rlat", "lateral_ohm", lateral_ohm, (0, 1))
+        resistors("rlat", "lateral_ohm", lateral_ohm, 0, 1)
     if trace_column_ohm and lateral_column_ohm is not None:
-        resistors("rlat_col", "lateral_column_ohm", lateral_column_ohm, (1, 0))
-    for r, c in cells if trace_row_ohm else ():
-        ends = f"{row_node(r, c - 1) if c else f'r{r}'} {row_node(r, c)}"
-        elements.append(f"rtrace_row_r{r}c{c} {ends} {spice_number(float(trace_row_ohm))}")
-    for r, c in cells if trace_column_ohm else ():
-        ends = f"{inner(r, c)} {inner(r + 1, c) if r + 1 < rows else f'c{c}'}"
-        elements.append(f"rtrace_col_r{r}c{c} {ends} {spice_number(float(trace_column_ohm))}")
-
-    head = [f".subckt {name}"]
-    head += _folded([f"r{r}" for r in range(rows)] + [f"c{c}" for c in range(cols)], 16)
+        resistors("rlat_col", "lateral_column_ohm", lateral_column_ohm, 1, 0)
+    if trace_row_ohm:
+        ohms = spice_number(float(trace_row_ohm))
+        elements += [f"rtrace_row_r{r}c{c} {row_node(r, c - 1)} {row_node(r, c)} {ohms}" for r, c in cells]
+    if trace_column_ohm:
+        ohms = spice_number(float(trace_column_ohm))
+        elements += [f"rtrace_col_r{r}c{c} {inner(r, c)} {inner(r + 1, c)} {ohms}" for r, c in cells]
+    pins = [f"r{r}" for r in range(rows)] + [f"c{c}" for c in range(cols)]
+    head = [f".subckt {name}", *_folded(pins, 16)]
     if params:
         head += _folded([f"params: {params[0]}", *params[1:]], 4)
     return "\n".join([*head, *elements, f".ends {name}", ""])
@@ -151,16 +134,13 @@ def _resistances(key: str, values: ArrayLike, shape: tuple[int, int]) -> list[tu
         table = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         raise InputError("array", key, "(not numeric)", "numbers in ohm") from None
-    if table.ndim == 0:
-        table = np.broadcast_to(table, shape)
-    if table.shape != shape:
+    if table.shape not in ((), shape):
         raise InputError("array", key, f"shape {table.shape}", f"shape {shape}")
-    bad = np.argwhere(~(table >= 0))
-    if len(bad):
-        r, c = map(int, bad[0])
+    table = np.broadcast_to(table, shape)
+    for r, c in np.argwhere(~(table >= 0)).tolist():
         value = repr(float(table[r, c]))
         raise InputError("array", f"{key}[{r}, {c}]", value, "0 ohm or more, inf for an open taxel")
-    return [((r, c), float(table[r, c])) for r in range(shape[0]) for c in range(shape[1])]
+    return [(cell, float(ohm)) for cell, ohm in np.ndenumerate(table)]
 
 
 def _folded(words: list[str], per_line: int) -> list[str]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,27 +31,6 @@ def save(figure: Figure, path: Path) -> None:
     FigureCanvasAgg(figure)
     with atomic(path) as file:
         figure.savefig(file, dpi=DPI, format="png")
-
-
-def end_labels(axes: Any, curves: Sequence[tuple[float, float, str, str]], gap: float = 0.045) -> None:
-    """Write the name of each curve at its right end, moved apart where ends are close.
-
-    Parameters
-    ----------
-    axes : the axes, with scales and limits already set
-    curves : x and y of the end, name and colour of each curve
-    gap : least distance of two names, as a part of the axes' height
-    """
-    to_axes = axes.transData + axes.transAxes.inverted()
-    ends = sorted((float(to_axes.transform((x, y))[1]), x, name, colour) for x, y, name, colour in curves)
-    heights: list[float] = []
-    for height, *_ in ends:
-        heights.append(max(height, heights[-1] + gap) if heights else height)
-    top = 0.98
-    for (_, _, name, colour), height in reversed(list(zip(ends, heights, strict=True))):
-        place = {"transform": axes.transAxes, "va": "center", "fontsize": 8, "clip_on": False}
-        axes.text(1.012, min(height, top), name, color=colour, **place)
-        top = min(height, top) - gap
 
 
 def cloud(axes: Any, x: NDArray[Any], y: NDArray[Any], label: str) -> None:

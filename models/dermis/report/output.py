@@ -9,6 +9,7 @@ import json
 import math
 import os
 import platform
+import re
 import resource
 import secrets
 import shutil
@@ -196,6 +197,15 @@ def _tool_version(tool: str, option: str) -> str:
         return "no answer"
     words = [line.strip("* ") for line in said.splitlines() if any(c.isdigit() for c in line)]
     return words[0].split(" : ")[0] if words else "unknown"
+
+
+def machine_line() -> str:
+    """Return processor, system and versions in one line."""
+    cpu = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    system = platform.freedesktop_os_release().get("PRETTY_NAME", platform.system())
+    numbers = {name: re.search(r"\d[\w.]*", said) for name, said in versions().items()}
+    found = ", ".join(f"{name} {number[0] if number else 'missing'}" for name, number in numbers.items())
+    return f"{cpu[1].strip() if cpu else platform.machine()}, {os.cpu_count()} cores, {system}; {found}"
 
 
 def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from dermis.places import ROOT
 from dermis.processes import children
 from dermis.records import Plan
 from dermis.report import progress, verdict
-from dermis.report.machine import machine_line
+from dermis.report.output import machine_line
 from dermis.report.verdict import Row
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench import engines as engine_rows
