@@ -64,9 +64,6 @@ static struct {
     double t_edge, t_corner; /* of an abrupt source; time of the last corner of a source */
     double growth;           /* largest step in the time since t_corner; a tenth of t_edge is always allowed; 0: no such limit */
 
-    int cuts;       /* steps are equal from corner to corner, this many times as many as t_max_step asks for; 0: ngspice's own */
-    int steps_left; /* of them, until the next corner */
-
     /* the step that was accepted last time, by what it follows: a sample without an edge, a ramp start, a ramp end */
     double remembered[3];
     enum { AFTER_SAMPLE, AT_RAMP, AFTER_RAMP } kind;
@@ -225,37 +222,6 @@ static void meet(double t)
     }
 }
 
-/* ngspice has rejected one of the steps that were to be equal: what is left until the next corner would be divided anew, and
-   runs with other cuts would no longer differ by powers of the step alone. */
-static void uneven(double t)
-{
-    snprintf(ls.trouble, TEXT_BYTES,
-             "steps cut in %d must stay equal, and the one to %.9g s was rejected (truncation control, or no convergence)",
-             ls.cuts, t);
-    ls.state = FAILED;
-    swapcontext(&ls.runner, &ls.caller); /* for good: a circuit that has failed is never entered again */
-}
-
-/* A step that divides what is left until the next corner evenly. The same edges with 2 or 3 cuts for 1 are then
-   solved with every single step halved or cut in three, so that errors go with the square of the step, and nothing else moves. */
-static double even_step(double left)
-{
-    if (ls.steps_left < 1)
-        ls.steps_left = ls.cuts * (int)ceil(left / ls.t_max_step * (1.0 - 1e-9)); /* no step more for a rounding */
-    return left / ls.steps_left--;
-}
-
-/* `even_step` divides by a count of steps: no step that is not finite reaches ngspice. */
-static int check_step(double delta, double t)
-{
-    if (isfinite(delta))
-        return 0;
-    snprintf(ls.trouble, TEXT_BYTES, "the step after %.9g s is %g", t, delta);
-    ls.state = FAILED;
-    swapcontext(&ls.runner, &ls.caller); /* for good, as in `uneven` */
-    return 0;
-}
-
 static int on_sync(double t, double *delta, double old_delta, int redo, int id, int where, void *user)
 {
     (void)old_delta, (void)id, (void)user;
@@ -264,8 +230,6 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
     if (where != 0) {
         if (redo) {
             ls.rejected++;
-            if (ls.cuts && ls.accepted > 2)
-                uneven(t);
             if (ls.first_of_kind && ls.remembered[ls.kind] > *delta)
                 ls.remembered[ls.kind] = *delta;
         }
@@ -291,13 +255,6 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
     ls.first_of_kind = landed;
     if (landed && ls.kind != AFTER_SAMPLE)
         ls.t_corner = t;
-    if (ls.cuts) {
-        if (landed)
-            ls.steps_left = 0;
-        if (ls.accepted > 2) /* ngspice begins with two steps of backward Euler, and very short ones */
-            *delta = even_step(left);
-        return check_step(*delta, t);
-    }
     if (landed && !ls.multistep) {
         /* ngspice at most doubles a step, so after a ramp of 1 ns it would need eight steps for a clock period;
            start instead with what was accepted at the same place last time, and let it be a little bolder. Gear's formula, which looks back two steps,
@@ -317,7 +274,7 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         *delta = 0.5 * left;
     if (landed)
         ls.remembered[ls.kind] = *delta;
-    return check_step(*delta, t);
+    return 0;
 }
 
 /* ---- data ------------------------------------------------------------------------------------------------- */
@@ -396,14 +353,12 @@ static int fail(const char *what)
    of sources last that are not abrupt. */
 int lockstep_open(const char *log_path, const char **deck, int n_lines, const char *start, int n_source, const char **source_names,
                   const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, double t_edge_current,
-                  double t_max_step, double t_stop, double growth, int recording, int use_ic, int multistep, int cuts)
+                  double t_max_step, double t_stop, double growth, int recording, int use_ic, int multistep)
 {
     static bool initialised;
     static int ident;
     if (ls.state == RUNNING || ls.state == FAILED)
         return fail("this process has had a circuit that did not come to its end");
-    if (cuts < 0)
-        return fail("a step cannot be cut in less than 0");
     if (n_source > MAX_SOURCES || n_probe > MAX_SOURCES)
         return fail("too many sources or probes");
     if (ls.log)
@@ -434,8 +389,6 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
     ls.started = use_ic != 0;
     ls.sampled = ls.poisoned = false;
     ls.multistep = multistep != 0;
-    ls.cuts = cuts;
-    ls.steps_left = 0;
     ls.t_max_step = t_max_step;
     ls.t_edge = t_edge;
     ls.t_corner = 0.0;

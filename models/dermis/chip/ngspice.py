@@ -89,7 +89,7 @@ def _load() -> ctypes.CDLL:
     texts = ctypes.POINTER(text)
     lib.lockstep_open.argtypes = [text, texts, whole, text, whole, texts, ctypes.POINTER(number)]
     lib.lockstep_open.argtypes += [ctypes.POINTER(whole), whole, texts]
-    lib.lockstep_open.argtypes += [number, number, number, number, number, whole, whole, whole, whole]
+    lib.lockstep_open.argtypes += [number, number, number, number, number, whole, whole, whole]
     lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 4]
     lib.lockstep_error.restype = text
     lib.lockstep_operating_point.argtypes = [text, whole]
@@ -130,16 +130,9 @@ class NgspiceHalf:
         `advance(0.0, [])` returns NaN then.
     level : ladder.Level
         How ngspice starts and steps.
-    cuts : int
-        0: ngspice chooses its steps up to the largest. Above: from one corner of a source or sample to the next all
-        steps are equal, `cuts` times as many as the largest step asks for. Runs with the same edges and other cuts
-        then differ by powers of the step alone, which extrapolation needs. For decks without truncation control: a
-        step that ngspice rejects is a SimulatorError in `advance`, and the process can have no other circuit.
 
     Raises
     ------
-    ValueError
-        `cuts` below 0.
     SimulatorError
         ngspice refuses the deck.
     ladder.Abort
@@ -158,10 +151,7 @@ class NgspiceHalf:
         record: bool = False,
         use_ic: bool = False,
         level: ladder.Level = ladder.PLAIN,
-        cuts: int = 0,
     ) -> None:
-        if cuts < 0:
-            raise ValueError(f"cuts = {cuts}: 0 or more")
         global _lib
         _lib = _lib or _load()
         self._log = log
@@ -204,7 +194,6 @@ class NgspiceHalf:
                 int(record),
                 int(use_ic),
                 int(gear),
-                cuts,
             ):
                 self._raise()
 
