@@ -16,6 +16,7 @@ from typing import Any
 import click
 import numpy as np
 import tomli_w
+from matplotlib.figure import Figure
 
 from dermis import engines, plan
 from dermis.engines import cosim
@@ -126,14 +127,26 @@ def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Ro
 
 
 def draw_indenters() -> None:
-    """Draw the paper's Fig. 10 from the middle row of three cases of this run."""
-    lines = {}
-    for shape in INDENTERS:
+    """Draw the paper's Fig. 10 from the middle row of three cases: codes (a) above force profiles (b)."""
+    figure = Figure(figsize=(8, 6), layout="constrained")
+    upper, profile = figure.subplots(2, 1, sharex=True)
+    for shape, colour, marker in zip(INDENTERS, figures.COLOURS, "os^", strict=False):
         case = f"{shape}_indenter"
         made = plan.load(SCENES / f"{case}.toml", "cosim")
         assert made.force_n is not None
-        lines[shape] = np.load(OUT / case / "codes.npy")[0, made.rows // 2], made.force_n[0, made.rows // 2]
-    figures.indenter_figure(lines, OUT / "indenters.png")
+        codes = np.load(OUT / case / "codes.npy")[0, made.rows // 2]
+        upper.plot(codes, marker=marker, color=colour, label=shape, lw=1.2, mfc="none")
+        profile.step(
+            np.arange(codes.size), made.force_n[0, made.rows // 2], where="mid", color=colour, lw=1.4
+        )
+    upper.legend(frameon=False, fontsize=9, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    upper.set_ylabel("(a)  code of the chip")
+    profile.set(xlabel="taxel of the line", ylabel="(b)  force on the taxel / N")
+    profile.locator_params(axis="x", integer=True)
+    for axes in (upper, profile):
+        axes.grid(alpha=0.3)
+        axes.set_ylim(bottom=0)
+    figures.save(figure, OUT / "indenters.png")
 
 
 def run(cases: list[Case]) -> tuple[list[Row], bool]:

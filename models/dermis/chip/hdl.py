@@ -255,8 +255,6 @@ def program(
     sources: Sequence[Path],
     includes: Sequence[Path],
     main: Path,
-    *,
-    where: str = "models",
 ) -> list[str]:
     """Return the command of a simulation that runs by itself, without cocotb; built only if it is
     not there yet.
@@ -267,7 +265,6 @@ def program(
     toplevel, parameters : Verilog module (Icarus takes the one named like `main`), and its parameters
     sources, includes : SystemVerilog files and the directories of what they include
     main : what drives the top level: C++ for Verilator, a module for Icarus
-    where : folder below build/
 
     Raises
     ------
@@ -297,7 +294,7 @@ def program(
     name = "sim.vvp" if simulator == "icarus" else f"V{toplevel}"
     flags = [PROGRAM_FLAGS, VERILATOR_ARGUMENTS] if simulator == "verilator" else []
     target = _cached(
-        BUILD / where / simulator / toplevel,
+        BUILD / "models" / simulator / toplevel,
         [*sources, main, *_headers(includes)],
         [simulator, toplevel, dict(parameters), tool, *flags],
         make,

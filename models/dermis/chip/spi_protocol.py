@@ -12,7 +12,7 @@ driver alike::
 from __future__ import annotations
 
 import binascii
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -248,10 +248,6 @@ class Frame:
     dark: bool = False
     fault: bool = False
 
-    def rows(self) -> dict[int, npt.NDArray[np.uint16]]:
-        """``{row: codes [cols]}`` of the slots that measured a row, in the order they were read."""
-        return {s: self.codes[i] for i, s in enumerate(self.slots) if s not in SPECIAL_SLOTS}
-
     def slot(self, number: int) -> npt.NDArray[np.uint16]:
         """Codes [cols] of a slot by its number; KeyError if the frame has none."""
         if number not in self.slots:
@@ -324,10 +320,6 @@ def pack_frame(frame: Frame) -> bytes:
     out += bytes(divmod(frame.gate_clocks, 256))
     for slot, codes, overflow in zip(frame.slots, frame.codes, frame.overflow, strict=True):
         out.append(slot)
-        out += _codes(codes.tolist(), frame.code_bits)
+        out += codes.astype(">u2" if frame.code_bits > 8 else "u1").tobytes()
         out += np.packbits(overflow, bitorder="little").tobytes()
     return bytes(out) + crc16(out).to_bytes(2, "big")
-
-
-def _codes(codes: Sequence[int], code_bits: int) -> bytes:
-    return b"".join(code.to_bytes(2 if code_bits > 8 else 1, "big") for code in codes)

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a run: force and code maps, code against force with its fit, transients, indenters."""
+"""Figures of a run: force and code maps, code against force with its fit, transients."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -184,32 +183,6 @@ def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -
         axes.set_ylabel("v_int / V")
     rows[0].set_title("line: integrator; bar: charge switch on", fontsize=9, loc="right")
     rows[-1].set_xlabel("time after the release of the preset / us")
-    save(figure, path)
-
-
-def indenter_figure(runs: Mapping[str, tuple[NDArray[Any], NDArray[Any]]], path: Path) -> None:
-    """Draw the paper's Fig. 10: codes of a line of taxels (a) above the force profiles (b) of
-    indenters.
-
-    Parameters
-    ----------
-    runs : by name of an indenter, codes and forces in newtons of the taxels of the line
-    path : where the PNG goes
-    """
-    figure = Figure(figsize=(8, 6), layout="constrained")
-    output, profile = figure.subplots(2, 1, sharex=True)
-    for (name, (codes, force_n)), colour, marker in zip(runs.items(), COLOURS, "os^Dv", strict=False):
-        taxels = np.arange(len(codes))
-        output.plot(taxels, codes, marker=marker, color=colour, label=name, lw=1.2, mfc="none")
-        profile.step(taxels, force_n, where="mid", color=colour, lw=1.4)
-    output.legend(frameon=False, fontsize=9, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    output.set_ylabel("(a)  code of the chip")
-    profile.set_ylabel("(b)  force on the taxel / N")
-    profile.set_xlabel("taxel of the line")
-    profile.locator_params(axis="x", integer=True)
-    for axes in (output, profile):
-        axes.grid(alpha=0.3)
-        axes.set_ylim(bottom=0)
     save(figure, path)
 
 
