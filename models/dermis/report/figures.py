@@ -141,7 +141,7 @@ def _curves(
     rest.set_ylim(-most, most)
 
 
-def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -> None:
+def transient_figure(made: Plan, result: Result, path: Path) -> None:
     """Draw the paper's Fig. 11: integrators and charge switches of several taxels of a row after
     the preset.
 
@@ -149,7 +149,6 @@ def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -
     ----------
     made, result : a plan and its recorded co-simulation
     path : where the PNG goes
-    clocks : how many clocks to show
     """
     record = result.info["records"][0]
     time_s, v_int = waves.integrator_waves(record, made.cols)
@@ -161,7 +160,7 @@ def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -
     columns = _spread(duty[row])
     preset = waves.trace(record, "preset")
     start = [n + 1 for n in range(1, len(preset)) if preset[n - 1] and not preset[n]][row]
-    clocks = min(clocks, len(charge) - start)  # a short gate in the last row
+    clocks = min(40, len(charge) - start)  # a short gate in the last row
     first, last = (start - 3) * t_clk, (start + clocks) * t_clk
     figure = Figure(figsize=(11, 1.2 + 1.45 * len(columns)), layout="constrained")
     rows = figure.subplots(len(columns), 1, sharex=True, sharey=True, squeeze=False)[:, 0]

@@ -45,10 +45,10 @@ def _changes(values: list[int], t_clk_ps: float, delay_clocks: float) -> Iterato
             last = value
 
 
-def write(out: Path, made: Plan, result: Result, part: int = 0) -> Path:
-    """Write waves.vcd and waves.gtkw of one part of a run into `out`; return the VCD's path."""
+def write(out: Path, made: Plan, result: Result) -> Path:
+    """Write waves.vcd and waves.gtkw of the first part of a run into `out`; return the VCD's path."""
     vcd, gtkw = optional("vcd", "chip"), optional("vcd.gtkw", "chip")
-    record = result.info["records"][part]
+    record = result.info["records"][0]
     nets = {"preset": 1, "row_select": made.rows, "charge": made.cols, "comparator": made.cols}
     t_clk_ps = 1e12 / made.timing.f_clk_hz
     time_s, v_int = integrator_waves(record, made.cols)
