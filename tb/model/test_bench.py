@@ -3,52 +3,19 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from dermis.effects import EFFECTS
 from dermis.errors import InputError, SimulatorError
 from dermis.report import verdict
 from dermis.scene.design import spec
-from tb.programs.bench import bench, circuit, engines, peers
+from tb.programs.bench import bench, circuit, peers
 from tb.programs.bench.circuit import Circuit, Job
 
 LIMIT_S = 60.0
 CIRCUIT = Circuit(gate_clocks=300)
-
-
-def _told(clocks: int, which: Circuit) -> np.ndarray:
-    """Bits such as the Verilog gives, from a walk in rationals that shares nothing with exact_voltage."""
-    w, x, bits = Fraction(-1, 2) - which.settle_clocks * which.duty, which.duty, []
-    for _ in range(clocks):
-        w += x
-        bits.append(int(w >= 0))
-        w -= bits[-1]
-    return np.array([0, *bits[:-1]])  # the second flip-flop tells the switch a clock later
-
-
-def _integrated(which: Circuit, told: np.ndarray, points: int = 4000) -> np.ndarray:
-    """Integrator at the clocks by summing the current over a fine grid that has every corner of it."""
-    t_clk = 1.0 / which.f_clk_hz
-    voltage = [which.v_start_v]
-    before = 0
-    for now in told:
-        t = np.linspace(0.0, t_clk, points + 1)  # t_edge is a whole number of grid steps
-        level = np.interp(t, [0.0, which.t_edge_s, t_clk], [before, now, now])
-        current = which.i_in_a - which.i0_a * level
-        voltage.append(voltage[-1] - np.trapezoid(current, t) / which.c_int_f)
-        before = now
-    return np.array(voltage)
-
-
-def test_exact_solution_is_the_integral_of_the_ramped_currents() -> None:
-    told = _told(200, CIRCUIT)
-    assert 0 < told.sum() < 100
-    # The peer sums 200 clocks of 0.1 V in doubles: 200 roundings of 1e-16 V, and as many of time.
-    assert circuit.exact_voltage(CIRCUIT, told) == pytest.approx(_integrated(CIRCUIT, told), abs=1e-12)
 
 
 def test_verilog_with_ngspice_meets_the_exact_solution_at_a_tenth_of_a_clock(tmp_path: Path) -> None:
@@ -69,7 +36,7 @@ def test_a_wrong_packet_is_seen(tmp_path: Path) -> None:
 
 
 def test_a_job_that_takes_too_long_is_ended_and_named(tmp_path: Path) -> None:
-    with pytest.raises(SimulatorError, match=r"ended after 0\.01 s"):
+    with pytest.raises(SimulatorError, match=r"more than 0\.01 s"):
         circuit.measure(Job(CIRCUIT), tmp_path / "run", 0.01)
 
 
@@ -85,23 +52,14 @@ def test_xspice_counts_right_on_the_same_circuit(tmp_path: Path) -> None:
     assert run.seconds > 0
 
 
-def test_failed_and_endless_sections_are_error_rows_with_their_reason() -> None:
+def test_a_failed_section_is_an_error_row_with_its_reason() -> None:
     def fails(m: bench.Measurements):
         yield verdict.report("a.one", 1, "1")
         raise SimulatorError("the tool fell over")
 
-    def hangs(m: bench.Measurements):
-        while True:
-            pass
-        yield
-
-    rows = bench.run_section(bench.Section(("a.one", "a.two"), fails, 5), None)
-    rows += bench.run_section(bench.Section(("a.three",), hangs, 0.2), None)
-    assert [(row["name"], row["status"]) for row in rows] == [
-        ("a.one", "PASS"), ("a.two", "ERROR"), ("a.three", "ERROR"),
-    ]  # fmt: skip
+    rows = bench.run_section(bench.Section(fails, ("a.one", "a.two")), None)
+    assert [(row["name"], row["status"]) for row in rows] == [("a.one", "PASS"), ("a.two", "ERROR")]
     assert "the tool fell over" in rows[1]["note"]
-    assert "0.2 s" in rows[2]["note"]
 
 
 READ_BY_OTHERS = (
@@ -135,9 +93,9 @@ def test_only_finds_what_makes_a_row_and_refuses_other_names() -> None:
 def test_an_engine_section_makes_the_rows_it_promises(
     section: bench.Section, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(engines, "SAMPLE_S", 0.001)
-    monkeypatch.setattr(engines, "LARGE", 32)
-    monkeypatch.setattr(engines, "SIZES", (4, 8, 16))
+    monkeypatch.setattr(bench, "SAMPLE_S", 0.001)
+    monkeypatch.setattr(bench, "LARGE", 32)
+    monkeypatch.setattr(bench, "SIZES", (4, 8, 16))
     rows = list(section.make(bench.Measurements(tmp_path, 1, True)))
     names = {row["name"] for row in rows}
     assert len(names) == len(rows) >= len(section.names)
@@ -148,7 +106,7 @@ def test_an_engine_section_makes_the_rows_it_promises(
 
 
 def test_all_effects_are_all_that_the_engine_does(tmp_path: Path) -> None:
-    on, lost = engines.all_effects("event", tmp_path)
+    on, lost = bench.all_effects("event", tmp_path)
     assert set(on) | set(lost) == set(EFFECTS)
     assert lost == ["return"]  # event refuses it together with line_capacitance
-    assert "comparator_noise" in engines.all_effects("closed", tmp_path)[1]
+    assert "comparator_noise" in bench.all_effects("closed", tmp_path)[1]

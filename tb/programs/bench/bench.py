@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The benchmark: accuracy and speed of each engine, and of other co-simulators on the same circuit.
+"""The benchmark: accuracy and speed of each engine, and of other simulators on the same circuit.
 
 Errors have limits, speeds have aims; docs/benchmarks.md explains each row. A failed measurement
 is an ERROR row, and the others are still made.
@@ -8,32 +8,36 @@ is an ERROR row, and the others are still made.
 from __future__ import annotations
 
 import functools
+import itertools
+import math
 import os
 import shutil
+import statistics
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
 
-from dermis import engines
+from dermis import effects, engines
+from dermis.array import array
 from dermis.engines import cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.places import ROOT
-from dermis.processes import children
+from dermis.processes import children, cpu_time
 from dermis.records import Plan
 from dermis.report import progress, verdict
 from dermis.report.output import machine_line
 from dermis.report.verdict import Row
 from tb.programs.bench import circuit as circuits
-from tb.programs.bench import engines as engine_rows
 from tb.programs.bench import peers
 from tb.programs.bench.circuit import Circuit, Job, Run
-from tb.programs.bench.measure import busy_row, random_plan, time_limit
+from tb.programs.bench.measure import busy_row, one_core, random_plan
 
 STEPS = {"step_10n": 10e-9, "step_100n": 100e-9, "step_1u": 1e-6}
 RUN_LIMIT_S = 60.0
@@ -46,18 +50,27 @@ LONG_CIRCUIT = replace(CIRCUIT, gate_clocks=8000)
 """For speeds: some 0.2 s."""
 ICARUS, VERILATOR = "icarus", "verilator"
 
+SAMPLE_S = 0.25
+"""Shortest sample of speed; a shorter one measures the resolution of the timer."""
+SERIES = {"lateral": True, "row_driver": True, "column_input": True}
+"""Lateral and series resistances with the values of the design."""
+SIZES = (16, 32, 64, 128, 256)
+LARGE = 256
+"""Rows and columns of a large frame."""
 
+
+@dataclass
 class Measurements:
-    """Settings and scratch space."""
+    """Scratch space and settings."""
 
-    def __init__(self, work: Path, repeat: int, quick: bool) -> None:
-        self.work, self.repeat, self.quick = work, repeat, quick
-        self._runs = 0
+    work: Path
+    repeat: int
+    quick: bool
+    runs: Iterator[int] = field(default_factory=itertools.count)
 
     def place(self) -> Path:
         """Return the path of a new directory."""
-        self._runs += 1
-        return self.work / f"run_{self._runs:03d}"
+        return self.work / f"run_{next(self.runs):03d}"
 
     def measure(self, job: Job) -> Run:
         """Run a job in a separate process."""
@@ -68,6 +81,9 @@ def machine_rows(m: Measurements) -> Iterator[Row]:
     """Describe the machine and what else runs on it."""
     yield verdict.report("machine.cores", os.cpu_count(), "cores", machine_line())
     yield busy_row("machine.busy_cores")
+
+
+# ---- one converter -----------------------------------------------------------------------------------------------
 
 
 def accuracy_rows(m: Measurements) -> Iterator[Row]:
@@ -82,17 +98,13 @@ def accuracy_rows(m: Measurements) -> Iterator[Row]:
         yield verdict.judge(f"cosim.count_error.{name}", run.miscount, note)
 
 
-def _peer_rows(peer: str, run: Callable[..., peers.PeerRun], m: Measurements) -> Iterator[Row]:
+def peer_rows(peer: str, m: Measurements) -> Iterator[Row]:
+    """Measure the same errors of another simulator."""
     for name, step_s in STEPS.items():
-        done = run(CIRCUIT, step_s, PEER_CLOCKS[name], m.place(), RUN_LIMIT_S)
+        done = peers.PEERS[peer](CIRCUIT, step_s, PEER_CLOCKS[name], m.place(), RUN_LIMIT_S)
         note = f"{done.clocks} clocks in {done.seconds:.3g} s"
         yield verdict.report(f"peer.{peer}.edge_error_v.{name}", done.error_v, "V", note)
         yield verdict.report(f"peer.{peer}.count_error.{name}", done.count_error, "pulses")
-
-
-def xspice_rows(m: Measurements) -> Iterator[Row]:
-    """Measure ngspice with its event-driven code models."""
-    yield from _peer_rows("xspice", peers.xspice, m)
 
 
 def speed_rows(m: Measurements) -> Iterator[Row]:
@@ -119,7 +131,7 @@ def guest_rows(peer: str, m: Measurements) -> Iterator[Row]:
     if reason := peers.missing(peer):
         yield verdict.skip(f"peer.{peer}", reason)
         return
-    yield from _peer_rows(peer, peers.GUESTS[peer], m)
+    yield from peer_rows(peer, m)
     few, many, rates = 100, 4000, []  # starts differ by 10 ms, and 3900 clocks take 0.5 s or more
     for _ in range(m.repeat):
         short_s, long_s = (
@@ -129,6 +141,9 @@ def guest_rows(peer: str, m: Measurements) -> Iterator[Row]:
         rates.append((many - few) / (long_s - short_s))
     note = f"step 1 us, Icarus, waveform kept, without the start; {peers.PIP[peer]}"
     yield verdict.median(f"peer.{peer}.clocks_per_s", rates, "1/s", note)
+
+
+# ---- frames ------------------------------------------------------------------------------------------------------
 
 
 def frame_rows(m: Measurements) -> Iterator[Row]:
@@ -158,6 +173,152 @@ def frame_rows(m: Measurements) -> Iterator[Row]:
     yield verdict.judge("cosim.frame_code_error_lsb", worst, note)
 
 
+def all_effects(engine: str, work: Path) -> tuple[dict[str, bool], list[str]]:
+    """Return the effects that an engine honours with their physical defaults, and the names it
+    refuses.
+    """
+    # event refuses `return` together with line_capacitance
+    names = [name for name in effects.EFFECTS if name != "return"]
+    probe = random_plan(work, 1, engine, **dict.fromkeys(names, True))
+    lost = {name for field in engines.refused(probe, engine) for name in probe.effects_of_field(field)}
+    return {name: True for name in names if name not in lost}, sorted({*lost, "return"})
+
+
+def _runner(made: Plan) -> Callable[[], engines.Result]:
+    engines.check(made)
+    return functools.partial(engines.runner(made.engine), made)
+
+
+def _cpu_ratios(first: Plan, second: Plan, repeat: int) -> list[float]:
+    """Return processor time of one plan over that of another, measured in pairs."""
+    runs = _runner(first), _runner(second)
+    for run in runs:
+        run()  # compiles and fills caches
+    return [cpu_time.cpu_seconds(runs[0]) / cpu_time.cpu_seconds(runs[1]) for _ in range(repeat)]
+
+
+def _speed(name: str, run: Callable[[], Any], frames: int, repeat: int, note: str, least_s: float) -> Row:
+    """Return the row of frames a second of a call, repeated for `least_s` a sample."""
+    rates, cpu = [], []
+    for _ in range(repeat):
+        count, begin, cpu_begin = 0, time.perf_counter(), cpu_time.cpu_used_s()
+        while not count or time.perf_counter() - begin < least_s:
+            run()
+            count += frames
+        rates.append(count / (time.perf_counter() - begin))
+        cpu.append(count / (cpu_time.cpu_used_s() - cpu_begin))
+    note = f"frames of 16x16 resistances over the range; {note}; "
+    return verdict.median(
+        name, rates, "1/s", f"{note}{statistics.median(cpu):.0f} a second of processor time"
+    )
+
+
+def engine_rows(
+    m: Measurements, engine: str, kinds: dict[str, tuple[int, dict[str, Any], str]]
+) -> Iterator[Row]:
+    """Measure frames per second of an engine: frames, effects and note by end of the row's name."""
+    for kind, (frames, on, note) in kinds.items():
+        run = _runner(random_plan(m.work, frames, engine, **on))
+        run()  # compiles and fills caches
+        yield _speed(f"{engine}.frames_per_s{kind}", run, frames, m.repeat, note, SAMPLE_S)
+
+
+def closed_rows(m: Measurements) -> Iterator[Row]:
+    """Measure the closed engine: ideal, with lateral and series resistances, with traces."""
+    kinds = {"": (512, {}), ".series": (512, SERIES), ".trace": (128, {**SERIES, "trace": True})}
+    noted = {kind: (frames, on, " ".join(on) or "ideal") for kind, (frames, on) in kinds.items()}
+    yield from engine_rows(m, "closed", noted)
+
+
+def event_rows(m: Measurements) -> Iterator[Row]:
+    """Measure the event engine, and the cost of a taxel of a large frame."""
+    on, lost = all_effects("event", m.work)
+    note = f"{len(on)} effects with their physical defaults, noise included; without {', '.join(lost)}"
+    kinds = {".ideal": (128, {}, "no effect"), ".all_effects": (64, on, f"{note}, which event refuses")}
+    yield from engine_rows(m, "event", kinds)
+    # Converters only: array.exponent has the cost of the network.
+    small = random_plan(m.work, (LARGE // 16) ** 2, "event", 16)
+    note = "processor time of one frame of 256x256 over 256 of 16x16, in pairs; no effect"
+    ratios = _cpu_ratios(random_plan(m.work, 1, "event", LARGE), small, m.repeat)
+    yield verdict.median("event.cost_per_taxel_ratio", ratios, "1", note)
+
+
+def off_rows(m: Measurements) -> Iterator[Row]:
+    """Measure the cost of effects that are named but off."""
+    off = dict.fromkeys(effects.EFFECTS, False)
+    for kind, engine, frames in (("", "event", 32), (".closed", "closed", 512)):
+        named, bare = (random_plan(m.work, frames, engine, **on) for on in (off, {}))
+        note = f"{engine}: {len(off)} effects named and off over the bare scene, processor time, in pairs"
+        ratios = _cpu_ratios(named, bare, 2 * m.repeat + 1)
+        yield verdict.median(f"effects_off.time_ratio{kind}", ratios, "1", note)
+
+
+BADCROSSBAR_ROWS = (
+    "peer.badcrossbar.frames_per_s",
+    "closed.speed_ratio.badcrossbar",
+    "closed.difference.badcrossbar",
+)
+
+
+def badcrossbar_rows(m: Measurements) -> Iterator[Row]:
+    """Solve the same frame with distributed lines, every row in turn, by badcrossbar and by our
+    solver, in pairs.
+    """
+    if reason := peers.missing("badcrossbar"):
+        yield from (verdict.skip(name, reason) for name in BADCROSSBAR_ROWS)
+        return
+    network = random_plan(m.work, 1, "closed", trace={"r_row_ohm": 1.0, "r_column_ohm": 1.0}).network(0)
+    g = np.broadcast_to(network.g_taxel_s, (64, *network.g_taxel_s.shape)).copy()
+    rates, ratios = [], []
+    for _ in range(m.repeat):
+        seconds, currents = peers.badcrossbar(network, 2 * RUN_LIMIT_S, 1 if m.quick else 5)
+        rates.append(1.0 / seconds)
+        ours = [cpu_time.cpu_seconds(lambda: array.column_currents(network, g)) for _ in range(5)]
+        ratios.append(len(g) / statistics.median(ours) * seconds)
+    difference = float(np.max(np.abs(array.column_currents(network, g[:1])[0] / currents - 1.0)))
+    speed, ratio, apart = BADCROSSBAR_ROWS
+    note = f"{peers.PIP['badcrossbar'].split()[0]}: a frame with 1 ohm a pitch, all rows at once"
+    yield verdict.median(speed, rates, "1/s", f"{note}, processor time")
+    note = "our frames per second over badcrossbar's, the same network, in pairs"
+    yield verdict.median(ratio, ratios, "1", note)
+    yield verdict.judge(apart, difference, "largest relative difference of a column current")
+
+
+def exponent_rows(m: Measurements) -> Iterator[Row]:
+    """Measure the growth of the network solve with the number of taxels."""
+    for kind, on in (("", SERIES), (".trace", {**SERIES, "trace": True})):
+        sizes = SIZES[:-1] if m.quick or kind else SIZES
+        times = [_solve_s(m.work, size, 1 if m.quick else min(m.repeat, 3), on) for size in sizes]
+        exponent = float(np.polyfit(np.log([n * n for n in sizes]), np.log(times), 1)[0])
+        last = math.log(times[-1] / times[-2]) / math.log((sizes[-1] / sizes[-2]) ** 2)
+        each = ", ".join(f"{n}: {1e9 * t / n**2:.0f}" for n, t in zip(sizes, times, strict=True))
+        note = f"t ~ taxels^e, {sizes[0]}x{sizes[0]} to {sizes[-1]}x{sizes[-1]}, {' '.join(on)}; "
+        note += f"between the last two {last:.2f}; ns a taxel: {each}"
+        yield verdict.judge(f"array.exponent{kind}", exponent, note)
+
+
+def _solve_s(work: Path, size: int, repeat: int, on: dict[str, Any]) -> float:
+    """Return the processor time per frame of the array solve, with the batch size of engine
+    closed.
+    """
+    frames = max(1, (1 << 15) // size**2)
+    made = random_plan(work, frames, "closed", size, **on)
+    solve = functools.partial(array.column_currents, made.network(0), made.conductance_s())
+    solve()
+    return statistics.median(cpu_time.cpu_seconds(solve) for _ in range(repeat)) / frames
+
+
+def rtl_rows(m: Measurements) -> Iterator[Row]:
+    """Measure the real Verilog with real-number models."""
+    for simulator, frames in ((VERILATOR, 256 if m.quick else 2048), (ICARUS, 2 if m.quick else 4)):
+        run = functools.partial(engines.run, random_plan(m.work, frames, "rtl"), simulator=simulator)
+        wrong = int((run().codes != engines.run(random_plan(m.work, frames, "closed")).codes).sum())  # builds
+        if wrong:
+            raise SimulatorError(f"{simulator}: {wrong} of {frames} frames' codes differ from engine closed")
+        note = f"{frames} at a time, start of the process included; codes are those of closed"
+        yield _speed(f"rtl.frames_per_s.{simulator}", run, frames, min(m.repeat, 3), note, 0.0)
+
+
 def setup_rows(m: Measurements) -> Iterator[Row]:
     """Measure `make setup` with nothing to do; the first call may have something."""
     taken = []
@@ -170,42 +331,39 @@ def setup_rows(m: Measurements) -> Iterator[Row]:
     yield verdict.median("setup.second_call_s", taken[1:], "s")
 
 
-@dataclass(frozen=True)
-class Section:
-    """Measurements made together: the rows, or heads of rows, that they make, and their time limit."""
+# ---- command -----------------------------------------------------------------------------------------------------
 
-    names: tuple[str, ...]
+
+class Section(NamedTuple):
+    """Measurements made together, and the rows, or heads of rows, that they make."""
+
     make: Callable[[Measurements], Iterator[Row]]
-    limit_s: float
-
-
-def _of_engines(make: Callable[..., Iterator[Row]], limit_s: float, *names: str) -> Section:
-    return Section(names, lambda m: make(m.work, m.repeat, m.quick), limit_s)
+    names: tuple[str, ...]
+    one_core: bool = False
 
 
 SECTIONS = (
-    Section(("machine",), machine_rows, 60),
-    Section(("cosim.edge_error_v", "cosim.count_error"), accuracy_rows, 300),
-    Section(("peer.xspice.edge_error_v", "peer.xspice.count_error"), xspice_rows, 180),
-    Section(("cosim.clocks_per_s", "peer.xspice.clocks_per_s", "cosim.speed_ratio.xspice"), speed_rows, 300),
-    *(Section((f"peer.{peer}",), functools.partial(guest_rows, peer), 300) for peer in peers.GUESTS),
-    Section(("cosim.frame_s", "cosim.frame_code_error_lsb"), frame_rows, 600),
-    _of_engines(engine_rows.closed_rows, 180, "closed.frames_per_s"),
-    _of_engines(engine_rows.badcrossbar_rows, 180, *engine_rows.BADCROSSBAR_ROWS),
-    _of_engines(engine_rows.event_rows, 300, "event.frames_per_s", "event.cost_per_taxel_ratio"),
-    _of_engines(engine_rows.off_rows, 120, "effects_off.time_ratio"),
-    _of_engines(engine_rows.exponent_rows, 300, "array.exponent"),
-    _of_engines(engine_rows.rtl_rows, 300, "rtl.frames_per_s"),
-    Section(("setup.second_call_s",), setup_rows, 1800),
+    Section(machine_rows, ("machine",)),
+    Section(accuracy_rows, ("cosim.edge_error_v", "cosim.count_error")),
+    Section(functools.partial(peer_rows, "xspice"), ("peer.xspice.edge_error_v", "peer.xspice.count_error")),
+    Section(speed_rows, ("cosim.clocks_per_s", "peer.xspice.clocks_per_s", "cosim.speed_ratio.xspice")),
+    *(Section(functools.partial(guest_rows, peer), (f"peer.{peer}",)) for peer in peers.GUESTS),
+    Section(frame_rows, ("cosim.frame_s", "cosim.frame_code_error_lsb")),
+    Section(closed_rows, ("closed.frames_per_s",), True),
+    Section(badcrossbar_rows, BADCROSSBAR_ROWS, True),
+    Section(event_rows, ("event.frames_per_s", "event.cost_per_taxel_ratio"), True),
+    Section(off_rows, ("effects_off.time_ratio",), True),
+    Section(exponent_rows, ("array.exponent",), True),
+    Section(rtl_rows, ("rtl.frames_per_s",), True),
+    Section(setup_rows, ("setup.second_call_s",)),
 )
 
 
 def run_section(section: Section, m: Measurements) -> list[Row]:
     """Return the rows of a section, and an ERROR row for each name of which a failure left no row."""
     rows: list[Row] = []
-    reason = "not measured"
     try:
-        with time_limit(section.limit_s):
+        with one_core() if section.one_core else nullcontext():
             for row in section.make(m):
                 rows.append(row)
     except Exception as error:  # the other sections still run

@@ -2,16 +2,17 @@
 """One converter: dermis_top with one column in lock-step with a circuit whose exact solution is
 known.
 
-A job runs in a process of its own. The HDL simulator loads this module again as the cocotb test.
+The HDL simulator loads this module again as the cocotb test.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 import time
 import traceback
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -35,8 +36,8 @@ Floats = NDArray[np.float64]
 
 JOB_VARIABLE = "DERMIS_BENCH_JOB"
 
-ROW, PRESET, CHARGE = range(3)
-"""Sources of a deck with one row and one column."""
+CHARGE = 2
+"""Number of the charge source in a deck with one row and one column."""
 
 # The decks of the peers have the same line, which does not harm them.
 OPTIONS = netlist.options(pole=False)
@@ -46,7 +47,7 @@ OPTIONS = netlist.options(pole=False)
 class Circuit:
     """The circuit of the benchmark: 1 uA into 10 pF for 1 us is a packet of 0.1 V.
 
-    The circuit starts where the row is driven, `break_clocks` after the slot of the chip. The
+    The circuit starts where the row is driven, one clock of break after the slot of the chip. The
     integrator starts above half a packet and is at w = -1/2 when the gate opens. With `t_gbw_s` the amplifier's
     output follows the charge with this time constant, 1 / (2 pi gain-bandwidth).
     """
@@ -58,7 +59,6 @@ class Circuit:
     t_edge_s: float = 1e-9
     settle_clocks: int = 8
     gate_clocks: int = 1000
-    break_clocks: int = 1
     t_gbw_s: float = 0.0
 
     @property
@@ -66,12 +66,12 @@ class Circuit:
         """One row slot; the counter has 12 bits, so it never saturates."""
         return Timing(
             f_clk_hz=self.f_clk_hz,
-            slot_clocks=self.break_clocks + self.clocks,
-            settle_clocks=self.break_clocks + self.settle_clocks,
+            slot_clocks=1 + self.clocks,
+            settle_clocks=1 + self.settle_clocks,
             gate_clocks=self.gate_clocks,
             code_max=2**12 - 1,
             rows=1,
-            break_clocks=self.break_clocks,
+            break_clocks=1,
         )
 
     @property
@@ -87,8 +87,8 @@ class Circuit:
             "COLS": 1,
             "CODE_BITS": 12,
             "GATE_CLOCKS": self.gate_clocks,
-            "SETTLE_CLOCKS": self.break_clocks + self.settle_clocks,
-            "BREAK_CLOCKS": self.break_clocks,
+            "SETTLE_CLOCKS": 1 + self.settle_clocks,
+            "BREAK_CLOCKS": 1,
             "SYNC_LATCH": 0,
         }
 
@@ -223,14 +223,14 @@ def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> flo
     return float(np.max(np.abs(voltage[1:] - exact_voltage(circuit, told)[1:])))
 
 
-# ---- a run in a separate process -----------------------------------------------------------------------------
+# ---- a run in an HDL simulator -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Job:
     """One run of the circuit.
 
-    `keep` returns the bits and voltages at the bridge; `options` is the deck's line of options.
+    `keep` returns the bits and the error at the bridge; `options` is the deck's line of options.
     `packet_error` is a seeded fault for a test: packets in ngspice are too large.
     """
 
@@ -244,66 +244,39 @@ class Job:
 
 @dataclass(frozen=True)
 class Run:
-    """Result of a job; bits and voltages only if the job keeps them.
+    """Result of a job; bits and error only if the job keeps them.
 
-    `seconds` and `cpu_seconds` count from the first instant of the circuit to its last; `charge` is
-    the state of the charge switch at clocks 1, 2, ..., `voltage` the integrator at clocks 0, 1, ...
-    (without a preset, ngspice gives none at 0).
+    Rate and processor time count from the first instant of the circuit to its last; `charge` is the
+    state of the charge switch at clocks 1, 2, ...
     """
 
-    circuit: Circuit
     code: int
-    seconds: float
-    cpu_seconds: float
+    miscount: int
+    rate: float
+    cpu_per_clock_s: float
     charge: NDArray[Any] | None = None
-    voltage: Floats | None = None
-
-    @property
-    def rate(self) -> float:
-        """Clocks per second."""
-        return self.circuit.clocks / self.seconds
-
-    @property
-    def cpu_per_clock_s(self) -> float:
-        """Processor seconds per clock."""
-        return self.cpu_seconds / self.circuit.clocks
-
-    @property
-    def miscount(self) -> int:
-        """Difference of the code from the exact count."""
-        return abs(self.code - self.circuit.pulses)
-
-    @property
-    def error_v(self) -> float:
-        """Largest error of the integrator; the job keeps its voltages."""
-        assert self.voltage is not None
-        assert self.charge is not None
-        return edge_error_v(self.circuit, self.voltage, self.charge)
+    error_v: float = math.nan
 
 
-class _Watched:
+class _Watched(NgspiceHalf):
     """An analog half that measures the time from its first answer to its end."""
 
-    def __init__(self, job: Job, where: Path, levels: Sequence[float] = (1.0, 1.0, 0.0)) -> None:
-        circuit = job.circuit
-        self._inner = NgspiceHalf(
-            deck(circuit, levels, job.packet_error, job.options),
-            t_edge_s=circuit.t_edge_s,
+    def __init__(self, job: Job, where: Path, levels: Sequence[float]) -> None:
+        self.voltage: list[float] = []
+        self._keep = job.keep
+        super().__init__(
+            deck(job.circuit, levels, job.packet_error, job.options),
+            t_edge_s=job.circuit.t_edge_s,
             t_max_step_s=job.t_max_step_s,
-            t_stop_s=bridge.analog_s(circuit.timing),
+            t_stop_s=bridge.analog_s(job.circuit.timing),
             log=where / "ngspice.log",
             use_ic=True,
         )
-        self._job = job
-        self.voltage: list[float] = []
-        self.seconds = self.cpu_seconds = 0.0
 
     def advance(self, to: float, edges: Sequence[Edge]) -> Floats:
-        sample = self._inner.advance(to, edges)
-        if self._job.keep:
+        sample = super().advance(to, edges)
+        if self._keep:
             self.voltage.append(float(sample[1]))
-        else:
-            self.advance = self._inner.advance  # type: ignore[method-assign]  # no detour from now on
         if to == 0.0:
             self._start = time.perf_counter(), time.process_time()
         return sample
@@ -311,60 +284,54 @@ class _Watched:
     def close(self) -> None:
         self.seconds = time.perf_counter() - self._start[0]
         self.cpu_seconds = time.process_time() - self._start[1]
-        self._inner.close()
-
-    def run(self, code: int, charge: Any) -> Run:
-        """Return the result of the job after `close`."""
-        kept = (np.asarray(charge), np.array(self.voltage)) if self._job.keep else (None, None)
-        return Run(self._job.circuit, code, self.seconds, self.cpu_seconds, *kept)
+        super().close()
 
 
 async def _frame(dut: Any, job: Job, where: Path) -> Run:
-    halves: list[_Watched] = []
+    circuit, halves = job.circuit, []
 
     def make_half(frame: int, levels: list[float]) -> _Watched:
         halves.append(_Watched(job, where, levels))
         return halves[-1]
 
-    chip = bridge.Bridge(dut, job.circuit.timing, 1, trace=job.keep)
-    codes = await chip.run(1, make_half)
-    bits = None
+    chip = bridge.Bridge(dut, circuit.timing, 1, trace=job.keep)
+    code = int((await chip.run(1, make_half)).item())
+    half, kept = halves[0], {}
     if chip.trace is not None:
-        bits = chip.trace.charge[chip.trace.begins[0] :][: job.circuit.clocks]
-    return halves[0].run(int(codes.item()), bits)
+        bits = np.asarray(chip.trace.charge[chip.trace.begins[0] :][: circuit.clocks])
+        kept = {"charge": bits, "error_v": edge_error_v(circuit, np.array(half.voltage), bits)}
+    rate, cpu = circuit.clocks / half.seconds, half.cpu_seconds / circuit.clocks
+    return Run(code, abs(code - circuit.pulses), rate, cpu, **kept)
 
 
 if JOB_VARIABLE in os.environ:
     import cocotb
 
     @cocotb.test()
-    async def converter(dut: Any) -> None:
-        """Run the job."""
+    async def run_job(dut: Any) -> None:
+        """Run a job and leave its value, or the words of its failure."""
         where = Path(os.environ[JOB_VARIABLE])
-        job = pickle.loads((where / "job.pickle").read_bytes())
-        await leave_result(where, _frame(dut, job, where))
+        try:
+            test, job = pickle.loads((where / "job.pickle").read_bytes())
+            value = await test(dut, job, where)
+        except Exception as error:  # whatever it is, the parent reports it
+            (where / "traceback.log").write_text(traceback.format_exc())
+            value = f"{type(error).__name__}: {error}"
+        write_atomic(where / "result.pickle", pickle.dumps(value))
 
 
-async def leave_result(where: Path, work: Awaitable[Any]) -> None:
-    """Write the result of a cocotb test, or the words of its failure, for `cocotb_result`."""
-    try:
-        value = await work
-    except Exception as error:  # whatever it is, the parent reports it
-        (where / "traceback.log").write_text(traceback.format_exc())
-        value = f"{type(error).__name__}: {error}"
-    write_atomic(where / "result.pickle", pickle.dumps(value))
-
-
-def cocotb_result(simulator: str, build: Path, top: str, module: str, variable: str, where: Path) -> Any:
-    """Run the cocotb test of a module, which finds its directory in an environment variable; return
-    what it left.
+def in_simulator(
+    test: Callable[..., Any], job: Any, simulator: str, build: Path, top: str, where: Path, limit_s: float
+) -> Any:
+    """Return the value of the coroutine `test(dut, job, where)`, awaited in an HDL simulator.
 
     Raises
     ------
     SimulatorError
-        The test failed or left no result.
+        It failed, took longer than `limit_s` or left no result.
     """
-    hdl.run_cocotb(simulator, build, top, module, where, {variable: str(where)})
+    (where / "job.pickle").write_bytes(pickle.dumps((test, job)))
+    hdl.run_cocotb(simulator, build, top, __name__, where, {JOB_VARIABLE: str(where)}, limit_s=limit_s)
     try:
         value = pickle.loads((where / "result.pickle").read_bytes())
     except OSError:
@@ -372,6 +339,13 @@ def cocotb_result(simulator: str, build: Path, top: str, module: str, variable: 
     if isinstance(value, str):
         raise SimulatorError(value, where)
     return value
+
+
+def measure(job: Job, where: Path, limit_s: float) -> Run:
+    """Run a job in a new directory; raise SimulatorError as `in_simulator` does."""
+    where.mkdir(parents=True)
+    build = hdl.build(job.simulator, "dermis_top", job.circuit.parameters)
+    return in_simulator(_frame, job, job.simulator, build, "dermis_top", where, limit_s)
 
 
 def in_process(function: Callable[..., Any], *arguments: Any, limit_s: float) -> Any:
@@ -386,18 +360,3 @@ def in_process(function: Callable[..., Any], *arguments: Any, limit_s: float) ->
     if outcome.fault:
         raise SimulatorError(outcome.fault)
     return outcome.value
-
-
-def measure(job: Job, where: Path, limit_s: float) -> Run:
-    """Run a job in a separate process, in a new directory.
-
-    Raises
-    ------
-    SimulatorError
-        It failed, took longer than `limit_s` or left no result.
-    """
-    where.mkdir(parents=True)
-    build = hdl.build(job.simulator, "dermis_top", job.circuit.parameters)
-    (where / "job.pickle").write_bytes(pickle.dumps(job))
-    test = job.simulator, build, "dermis_top", __name__, JOB_VARIABLE, where
-    return in_process(cocotb_result, *test, limit_s=limit_s)

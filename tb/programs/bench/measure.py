@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import os
-import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -34,33 +33,11 @@ def one_core() -> Iterator[None]:
         os.sched_setaffinity(0, allowed)
 
 
-@contextmanager
-def time_limit(seconds: float) -> Iterator[None]:
-    """Raise TimeoutError in the main thread when the block takes longer."""
-
-    def ring(signum: int, frame: Any) -> None:
-        raise TimeoutError(f"took more than {seconds:g} s")
-
-    handler = signal.signal(signal.SIGALRM, ring)
-    timer = signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, *timer)  # pytest uses it for its own limit
-        signal.signal(signal.SIGALRM, handler)
-
-
 def cpu_once(work: Callable[[], Any]) -> tuple[Any, float]:
     """Return the value of one call and its processor time in seconds, children included."""
     begin = cpu_time.cpu_used_s()
     value = work()
     return value, cpu_time.cpu_used_s() - begin
-
-
-def time_ratios(first: Callable[[], Any], second: Callable[[], Any], repeat: int) -> list[float]:
-    """Return processor time of `first` over that of `second`, measured in pairs."""
-    first(), second()  # compiles and fills caches
-    return [cpu_time.cpu_seconds(first) / cpu_time.cpu_seconds(second) for _ in range(repeat)]
 
 
 def busy_row(name: str) -> Row:

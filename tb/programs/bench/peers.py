@@ -11,11 +11,8 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
-import json
 import logging
-import os
 import re
-import shutil
 import statistics
 import time
 from collections.abc import Callable
@@ -29,13 +26,11 @@ from numpy.typing import NDArray
 from dermis.array.array import Network
 from dermis.chip.sources import rtl_sources
 from dermis.converter.vfc import count_rational
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import SimulatorError
 from dermis.processes import children
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench.circuit import OPTIONS, Circuit, Floats
 from tb.programs.bench.measure import cpu_once
-
-AMS_VARIABLE = "DERMIS_BENCH_AMS"
 
 PIP = {
     "spicebind": "spicebind==0.0.2",
@@ -67,13 +62,6 @@ def missing(peer: str) -> str | None:
     if found is not None and found.origin:  # a removed package may leave a folder, which has none
         return None
     return f"not installed; to measure it here: .venv/bin/pip install --no-deps {PIP[peer]}"
-
-
-def _tool(name: str) -> str:
-    tool = shutil.which(name)
-    if tool is None:
-        raise InputError("PATH", name, "missing", f"{name}; `make setup` installs it")
-    return tool
 
 
 def _short(circuit: Circuit, clocks: int) -> Circuit:
@@ -144,7 +132,7 @@ def xspice(
     ]
     (where / "deck.cir").write_text("\n".join(lines) + "\n")
     log = where / "console.log"
-    children.run_logged([_tool("ngspice"), "-b", "deck.cir"], where, log, limit_s, "ngspice")
+    children.run_logged(["ngspice", "-b", "deck.cir"], where, log, limit_s, "ngspice")
     try:
         begin, end = (float(t) for t in re.findall(r"BENCH_(\d+\.\d+)", log.read_text()))
         time_s, v_int, _, charge = np.loadtxt(where / "waves.dat").T
@@ -203,12 +191,10 @@ endmodule
 
 def _compiled(circuit: Circuit, where: Path, *options: str) -> Path:
     """Return the test bench built by Icarus in a new directory."""
-    if circuit.f_clk_hz != 1e6:
-        raise ValueError("the test bench has a clock of 1 MHz")
     where.mkdir(parents=True)
     (where / "bench_peer.v").write_text(_VERILOG)
     needed = [path for path in rtl_sources() if path.stem in ("dermis_sync_ff", "dermis_tech_dff")]
-    command = [_tool("iverilog"), "-g2012", "-s", "bench_peer", f"-Pbench_peer.CLOCKS={circuit.gate_clocks}"]
+    command = ["iverilog", "-g2012", "-s", "bench_peer", f"-Pbench_peer.CLOCKS={circuit.gate_clocks}"]
     command += [*options, "-o", "sim.vvp", "bench_peer.v", *map(str, needed)]
     children.run_logged(command, where, where / "compile.log", 60, "Icarus")
     return where / "sim.vvp"
@@ -218,18 +204,12 @@ def _pulses(where: Path) -> NDArray[Any]:
     """Return the switch states from clock 0 on: each that the test bench wrote is that at the next
     clock.
     """
-    try:
-        return np.array([int(line) for line in (where / "told.txt").read_text().split()])
-    except (OSError, ValueError) as error:
-        raise SimulatorError(f"the test bench wrote no pulses: {error}", where) from None
+    return np.array([int(line) for line in (where / "told.txt").read_text().split()])
 
 
 def _raw(path: Path, node: str) -> tuple[Floats, Floats]:
     """Return time and one voltage of a binary ngspice raw file."""
-    try:
-        head, _, body = path.read_bytes().partition(b"Binary:\n")
-    except OSError as error:
-        raise SimulatorError(f"no waveform: {error}", path.parent) from None
+    head, _, body = path.read_bytes().partition(b"Binary:\n")
     listed = head.decode(errors="replace").partition("Variables:\n")[2]
     names = [line.split()[1] for line in listed.strip().splitlines()]
     values = np.frombuffer(body, "<f8")
@@ -285,19 +265,17 @@ def cocotbext_ams(
         *(line.replace("v(xvfc", "v(x1.xvfc") for line in circuits.start_lines(circuit) if line[0] == "."),
         options,
     ]
-    settings = {"step_s": step_s, "end_s": (clocks + 2) / circuit.f_clk_hz, "lines": outer}
-    (where / "settings.json").write_text(json.dumps(settings))
-    arguments = ("icarus", where, "bench_peer", __name__, AMS_VARIABLE, where)
-    seconds, waves = circuits.in_process(circuits.cocotb_result, *arguments, limit_s=limit_s)
+    job = step_s, (clocks + 2) / circuit.f_clk_hz, outer
+    seconds, waves = circuits.in_simulator(_ams_run, job, "icarus", where, "bench_peer", where, limit_s)
     return _judged(circuit, seconds, *waves.T, _pulses(where))
 
 
-async def _ams_run(dut: Any, where: Path) -> tuple[float, Floats]:
+async def _ams_run(dut: Any, job: tuple[float, float, list[str]], where: Path) -> tuple[float, Floats]:
     """Return the wall time in seconds, and [points, 2] times and voltages."""
     import cocotbext.ams as ams
     from cocotbext.ams import _bridge
 
-    settings = json.loads((where / "settings.json").read_text())
+    step_s, end_s, lines = job
     write, points = _bridge.generate_netlist, []
     # `dc 0 external` crashes libngspice 39.
     _bridge.generate_netlist = lambda **told: [
@@ -313,10 +291,10 @@ async def _ams_run(dut: Any, where: Path) -> tuple[float, Floats]:
         },
         vdd=1.65,
         vss=-1.65,
-        tran_step=f"{settings['step_s'] * 1e9:g}n",
-        extra_lines=settings["lines"],
+        tran_step=f"{step_s * 1e9:g}n",
+        extra_lines=lines,
     )
-    chip = ams.MixedSignalBridge(dut, [block], max_sync_interval_ns=settings["step_s"] * 1e9)
+    chip = ams.MixedSignalBridge(dut, [block], max_sync_interval_ns=step_s * 1e9)
     make = chip._create_simulator
 
     class Writer:
@@ -335,22 +313,13 @@ async def _ams_run(dut: Any, where: Path) -> tuple[float, Floats]:
 
     chip._create_simulator = watched
     begin = time.perf_counter()
-    await chip.start(duration_ns=settings["end_s"] * 1e9)
+    await chip.start(duration_ns=end_s * 1e9)
     return time.perf_counter() - begin, np.array(points).reshape(-1, 2)
-
-
-if AMS_VARIABLE in os.environ:
-    import cocotb
-
-    @cocotb.test()
-    async def converter(dut: Any) -> None:
-        """Run the converter."""
-        where = Path(os.environ[AMS_VARIABLE])
-        await circuits.leave_result(where, _ams_run(dut, where))
 
 
 GUESTS: dict[str, Callable[..., PeerRun]] = {"spicebind": spicebind, "cocotbext_ams": cocotbext_ams}
 """Simulators that are measured if they are installed."""
+PEERS = {"xspice": xspice, **GUESTS}
 
 
 # ---- badcrossbar ------------------------------------------------------------------------------------------------
