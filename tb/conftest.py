@@ -28,6 +28,12 @@ PAPER = {
 """Design values that the numbers of tests with the mark `paper` belong to."""
 
 
+def pytest_configure() -> None:
+    """Let children of tests take Ctrl-C where the tests run in the background: a shell ignores SIGINT for them."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip the tests of the paper's values where models/design.toml holds another design."""
     stored = design.load().stored()

@@ -26,7 +26,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dermis import engines, plan
+from dermis import engines
 from dermis.chip import netlist
 from dermis.chip.analog import Edge
 from dermis.chip.ngspice import NgspiceHalf
@@ -294,7 +294,7 @@ def frame_methods(work: Path, quick: bool) -> Iterator[Method]:
 
     yield method("closed, effects out", "none of 8 in", bare)
     for budget in BUDGETS_LSB[1::2] if quick else BUDGETS_LSB:
-        made = plan.make(many.scene, None, AutoTable(budget_lsb=budget))
+        made = replace(many, auto=AutoTable(budget_lsb=budget), filtered=True)
         yield method("auto, by budget", f"budget {budget:g} LSB, {made.engine}", made)
     yield method("event", "8 of 8 in", many)
     for simulator, some in (("verilator", many), ("icarus", many.part(0, 2))):
