@@ -105,7 +105,6 @@ def frame_file_case(
 
 def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Row]:
     """Read one scene through the chip, write its files and figures, and judge it."""
-    out = OUT / case.name
     options = {"simulator": case.simulator, "sync_latch": case.sync_latch, "record": case.record}
     result = cosim.run(made, on_slots, **options)
     expected = np.round(made.timing.gate_clocks * made.duty_ideal()).astype(int) if case.readback else None
@@ -122,7 +121,7 @@ def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Ro
             figures.transient_figure(made, result, directory / "transient.png")
         figures.frame_figure(made, result.codes, fit_residual(made, result.codes), directory / "frame.png")
 
-    output.write(out, made, result, rows, draw)
+    output.write(OUT / case.name, made, result, rows, draw)
     return rows
 
 
@@ -199,15 +198,14 @@ def sim_command(
     cases = list(CASES)
     if frames is not None:
         cases.append(frame_file_case(frames, select, unit, key, rows, cols))
-    known = [case.name for case in cases]
+    known = {case.name: case for case in cases}
     if unknown := [name for name in only if name not in known]:
         raise InputError("command line", "--only", unknown[0], f"one of {', '.join(known)}")
-    cases = [case for case in cases if not only or case.name in only]
+    cases = [case for name, case in known.items() if not only or name in only]
     verdicts, failed = run(cases)
     if not failed and {f"{shape}_indenter" for shape in INDENTERS} <= {case.name for case in cases}:
         draw_indenters()
-    title = "Full-array regression: Verilog and ngspice in lock-step against the exact count"
-    code = finish("sim", verdicts, title)
+    code = finish("sim", verdicts, "Full-array regression: Verilog and ngspice against the exact count")
     if docs and not failed:
         for name, source in FIGURES.items():
             write_atomic(ROOT / "docs" / "figures" / name, (OUT / source).read_bytes())
