@@ -81,7 +81,6 @@ if sys.argv[1].endswith("seeded.c"):
 FAULTS = {
     "none": ("", "", "fine"),
     "source": ("return s->to;", "return s->to / (s->t_edge - s->t_edge);", "source v_d is "),
-    "step": ("*delta = 0.5 * left;", "*delta = left / (left - left);", "s is inf"),
 }
 
 
