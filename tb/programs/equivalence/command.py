@@ -6,10 +6,10 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import click
 
-from dermis.chip.sky130 import CORNERS
 from dermis.errors import InputError
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
@@ -27,21 +27,27 @@ LENGTH = Case(codes=(0, 64, 200, 250))
 
 @click.command("extract")
 @click.option("--check", is_flag=True, help="Write nothing; say which files are older than the circuit.")
-@click.option("--corner", multiple=True, type=click.Choice(CORNERS), help="Only the files of these corners.")
-def extract_command(check: bool, corner: tuple[str, ...]) -> int:
+def extract_command(check: bool) -> int:
     """Measure the blocks in transistors and write models/extracted, one file a condition."""
     if check:
         rows = [stale_row()]
         verdict.print_rows(rows)
         return verdict.exit_code(rows)
-    conditions = [at for at in gate.CONDITIONS if not corner or at.corner in corner]
-    with progress.slots("extract", len(conditions), "conditions") as tell:
-        for done, at in enumerate(conditions, 1):
+    with progress.slots("extract", len(gate.CONDITIONS), "conditions") as tell:
+        for done, at in enumerate(gate.CONDITIONS, 1):
             wanted = [(case.topology, case.k) for case in gate.everything() if case.condition == at]
             path = extracted.write(at.corner, at.celsius, extract.channels(at, wanted, runs.measured))
             click.echo(f"{path.relative_to(ROOT)}")
             tell(done, f"after {path.name}")
     return 0
+
+
+def chosen(every: dict[str, Any], only: Sequence[str]) -> list[Any]:
+    """Return the values whose names hold one of the words, or all of them."""
+    found = [value for name, value in every.items() if not only or any(word in name for word in only)]
+    if not found:
+        raise InputError("command line", "--only", " ".join(only), f"part of one of {', '.join(every)}")
+    return found
 
 
 def stale_row() -> Row:
@@ -99,11 +105,7 @@ def fault_row(kind: str, slots: list[Slot] | str) -> Row:
 
 def fault_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
     """Put the seeded faults to the gate: a row each, and the share of those noticed."""
-    kinds = [kind for kind in faults.FAULTS if not only or any(word in kind for word in only)]
-    if not kinds:
-        raise InputError(
-            "command line", "--only", " ".join(only), f"part of one of {', '.join(faults.FAULTS)}"
-        )
+    kinds = chosen({kind: kind for kind in faults.FAULTS}, only)
     asked = [faults.LOOP.column(faults.written(kind, columns.WORK / "faults")) for kind in kinds]
     found = _records("faults", asked, jobs, fresh)
     rows = [fault_row(kind, slots) for kind, slots in zip(kinds, found, strict=True)]
@@ -127,11 +129,7 @@ def equivalence_command(only: tuple[str, ...], seeded: bool, jobs: int, fresh: b
     if seeded:
         rows = fault_rows(only, jobs, fresh)
     else:
-        every = gate.everything()
-        cases = [c for c in every if not only or any(word in c.name for word in only)]
-        if not cases:
-            names = ", ".join(c.name for c in every)
-            raise InputError("command line", "--only", " ".join(only), f"part of one of {names}")
+        cases = chosen({case.name: case for case in gate.everything()}, only)
         found = _records("equivalence", [case.column() for case in cases], jobs, fresh)
         rows = [stale_row(), *(gate_row(*pair) for pair in zip(cases, found, strict=True))]
         rows += [] if only else [length_row(jobs, fresh)]

@@ -27,7 +27,7 @@ from dermis.places import BUILD, ROOT
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from scripts import workers
-from tb.programs.fuzz.faults import FAULTS
+from tb.programs.fuzz.faults import FAULTS, seed_fault
 from tb.programs.fuzz.oracle import Finding
 
 INPUTS = {"scene": 12_000, "frames": 12_000}
@@ -69,7 +69,7 @@ def fuzz(name: str, inputs: int, seed: int, fault: str = "") -> dict[str, Any]:
     with prepared(name) as (target, place), warnings.catch_warnings():
         warnings.simplefilter("ignore", hypothesis.errors.HypothesisWarning)  # inputs are long to print
         if fault:
-            FAULTS[fault].seed()
+            seed_fault(fault)
 
         @hypothesis.seed(seed)
         @hypothesis.settings(
@@ -137,7 +137,7 @@ def rows_of(tasks: Sequence[workers.Task], outcomes: Sequence[workers.Outcome]) 
     return rows
 
 
-def tasks_of(names: Sequence[str], inputs: int | None, seed: int, faults: bool) -> list[workers.Task]:
+def tasks_of(names: Sequence[str], inputs: int | None, seed: int) -> list[workers.Task]:
     """Return the processes of a run: stored inputs, new ones, seeded faults."""
     share = sum(INPUTS[name] for name in names)
     tasks = [workers.Task(replay, (name,), ROUND_S) for name in names]
@@ -146,8 +146,8 @@ def tasks_of(names: Sequence[str], inputs: int | None, seed: int, faults: bool) 
         for n, first in enumerate(range(0, wanted, ROUND)):
             arguments = name, min(ROUND, wanted - first), seed * 10_000 + n
             tasks.append(workers.Task(fuzz, arguments, ROUND_S))
-    seeded = [(case.target, SEEDED_INPUTS, seed, fault) for fault, case in FAULTS.items()]
-    return tasks + [workers.Task(fuzz, a, ROUND_S) for a in seeded if faults and a[0] in names]
+    seeded = [(target, SEEDED_INPUTS, seed, fault) for fault, (target, *_) in FAULTS.items()]
+    return tasks + [workers.Task(fuzz, a, ROUND_S) for a in seeded if a[0] in names]
 
 
 @click.command("fuzz")
@@ -157,16 +157,13 @@ def tasks_of(names: Sequence[str], inputs: int | None, seed: int, faults: bool) 
 )
 @click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Random seed.")
 @click.option("--jobs", type=click.IntRange(1, 64), default=2, show_default=True, help="Worker processes.")
-@click.option(
-    "--faults/--no-faults", "seed_faults", default=True, help="Also check that seeded faults are seen."
-)
-def fuzz_command(only: tuple[str, ...], inputs: int | None, seed: int, jobs: int, seed_faults: bool) -> int:
+def fuzz_command(only: tuple[str, ...], inputs: int | None, seed: int, jobs: int) -> int:
     """Give hostile input to everything that reads; rows in build/fuzz.json.
 
     A finding is shrunk and stored in tb/programs/fuzz/found; the next run starts with it.
     """
     WORK.mkdir(parents=True, exist_ok=True)
-    tasks = tasks_of(only or list(INPUTS), inputs, seed, seed_faults)
+    tasks = tasks_of(only or list(INPUTS), inputs, seed)
     outcomes = [workers.Outcome()] * len(tasks)
     with progress.slots("fuzz", len(tasks), "rounds") as show:
         for done, (number, outcome) in enumerate(workers.run(tasks, jobs, fresh=True), 1):

@@ -3,26 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from dermis.chip import netlist
 from dermis.scene import schema, stimulus
-
-
-class Fault(NamedTuple):
-    """A seeded fault: the target that must meet it, and the replacement of an attribute as a function
-    of what stands there.
-    """
-
-    target: str
-    of: Any
-    attribute: str
-    change: Callable[[Any], Any]
-
-    def seed(self) -> None:
-        """Break the package of this process."""
-        setattr(self.of, self.attribute, self.change(getattr(self.of, self.attribute)))
 
 
 def _title_in_deck(whole: Any) -> Any:
@@ -38,10 +22,20 @@ def _digit(whole: Any) -> Any:
 
 
 FAULTS = {
-    "title_in_deck": Fault("scene", netlist, "frame_deck", _title_in_deck),
-    "resolved_keeps_one_digit": Fault("scene", schema, "_toml_value", _digit),
-    "room_for_the_limit": Fault(
-        "frames", stimulus, "read_bytes", lambda _: lambda path, limit, by=None: open(path, "rb").read(limit)
+    "title_in_deck": ("scene", netlist, "frame_deck", _title_in_deck),
+    "resolved_keeps_one_digit": ("scene", schema, "_toml_value", _digit),
+    "room_for_the_limit": (
+        "frames",
+        stimulus,
+        "read_bytes",
+        lambda _: lambda path, limit, by=None: open(path, "rb").read(limit),
     ),
-    "nan_accepted": Fault("frames", stimulus, "_check_values", lambda _: lambda *given: None),
+    "nan_accepted": ("frames", stimulus, "_check_values", lambda _: lambda *given: None),
 }
+"""Target that must meet a fault, then the attribute of a module and its replacement as a function of it."""
+
+
+def seed_fault(fault: str) -> None:
+    """Break the package of this process."""
+    _, of, attribute, change = FAULTS[fault]
+    setattr(of, attribute, change(getattr(of, attribute)))
