@@ -79,7 +79,7 @@ def count(x: Fraction, clocks: int, w0: Fraction, packet: Fraction, level: Fract
     """Count ones of the ideal converter: q = (w + x >= level) and not q, w = w + x - packet q, in
     integers.
 
-    The same machine as vfc.bits_exact, ten times faster, in units of the common denominator.
+    The same machine as vfc.count_exact, ten times faster, in units of the common denominator.
     """
     unit = math.lcm(x.denominator, w0.denominator, packet.denominator, level.denominator)
     step, w, one, top = (v.numerator * (unit // v.denominator) for v in (x, w0, packet, level))

@@ -149,8 +149,8 @@ def trace_of(made: records.Plan, x: Fraction) -> np.ndarray:
     charge = np.zeros((1, made.rows * timing.slot_clocks - 1 - timing.break_clocks, 1), dtype=bool)
     for row in range(made.rows - 1):
         start = row * timing.slot_clocks + timing.settle_clocks - timing.break_clocks
-        for n, one in enumerate(vfc.bits_exact(x, timing.gate_clocks), start=1):
-            charge[0, start + n + 1 - 1, 0] = one
+        for n in range(1, timing.gate_clocks + 1):
+            charge[0, start + n, 0] = vfc.count_rational(x, n) > (n > 1 and vfc.count_rational(x, n - 1))
     return charge
 
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -207,26 +206,14 @@ def count_exact(
     packet, threshold : rational
         What a one takes away, and the level of the decision, in ideal packets.
     """
-    return sum(bits_exact(x, clocks, w0, packet, threshold))
-
-
-def bits_exact(
-    x: Fraction | int | float,
-    clocks: int,
-    w0: Fraction | int | float = Fraction(-1, 2),
-    packet: Fraction | int | float = 1,
-    threshold: Fraction | int | float = 0,
-) -> Iterator[bool]:
-    """Walk through `clocks` decisions in exact rationals and yield each bit (parameters:
-    `count_exact`).
-    """
     x, w, packet, threshold = Fraction(x), Fraction(w0), Fraction(packet), Fraction(threshold)
-    q = False
+    ones, last = 0, False
     for _ in range(clocks):
         w += x
-        q = w >= threshold and not q
-        w -= packet * q
-        yield q
+        last = w >= threshold and not last
+        w -= packet * last
+        ones += last
+    return ones
 
 
 def count_rational(x: Fraction, clocks: int, w0: Fraction = Fraction(-1, 2)) -> int:
@@ -371,8 +358,3 @@ def count_restarting(x: ArrayLike, clocks: int = 512) -> NDArray[np.int64]:
     near = np.abs(period - whole) <= 1e-12 * whole
     period = np.maximum(np.where(near, whole, np.ceil(period)), 2.0)
     return np.ceil(clocks / period).astype(np.int64)
-
-
-def gaps(x: Fraction) -> tuple[int, int]:
-    """The only two distances between pulses for 0 < x <= 1/2: floor(1/x) and ceil(1/x)."""
-    return math.floor(1 / x), math.ceil(1 / x)
