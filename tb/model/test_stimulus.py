@@ -36,17 +36,12 @@ def indenter(shape: str, more: str = "") -> str:
     return f'[stimulus]\nkind = "indenter"\nshape = "{shape}"\nforce_n = 10.0\n{more}'
 
 
-def frames(
-    unit: str = "codes", more: str = "", file: str = "frames.csv", rows: int = 2, cols: int = 3
-) -> str:
-    return (
-        f'[array]\nrows = {rows}\ncols = {cols}\n[stimulus]\nkind = "frames"\nfile = "{file}"\n'
-        f'unit = "{unit}"\n{more}'
-    )
+GRID = "[array]\nrows = 2\ncols = 3\n[stimulus]\n"
+OHMS = GRID + 'kind = "resistance"\nfile = "frames.csv"\n'
 
 
-def ohms(file: str = "r.csv", rows: int = 2, cols: int = 3) -> str:
-    return f'[array]\nrows = {rows}\ncols = {cols}\n[stimulus]\nkind = "resistance"\nfile = "{file}"\n'
+def frames(unit: str = "codes", more: str = "", file: str = "frames.csv") -> str:
+    return f'{GRID}kind = "frames"\nfile = "{file}"\nunit = "{unit}"\n{more}'
 
 
 def npy(array: NDArray[np.generic]) -> bytes:
@@ -123,18 +118,10 @@ def test_more_samples_feel_a_body_between_taxels(write_scene: Write) -> None:
     # half a pitch over the border of two taxels: a quarter of each
     assert felt[6:10, 7:9] == pytest.approx(2.5)
     assert felt.sum() == pytest.approx(20)
-    fine = forces(write_scene, indenter("cylindrical", thin + "samples = 16\n")).sum()
-    # 16 samples a pitch over a body of half a pitch: eight midpoints of a square-root profile.
-    assert fine == pytest.approx(10 * 4 * 0.5 * math.pi / 4, rel=0.03)
 
 
 def slip(more: str, body: str = "flat", force: str = "force_n = 10.0") -> str:
     return f'[stimulus]\nkind = "slip"\nshape = "{body}"\n{force}\nwidth = 2\nlength = 2\n{more}'
-
-
-def centre_of_pressure(force: NDArray[np.float64]) -> NDArray[np.float64]:
-    grid = np.indices(force.shape[1:])
-    return np.array([[(g * f).sum() / f.sum() for g in grid] for f in force])
 
 
 @pytest.mark.paper
@@ -143,7 +130,8 @@ def test_a_slipping_body_moves_at_its_speed_in_its_direction(write_scene: Write)
     wide = slip(more, "spherical").replace("width = 2\nlength = 2", "width = 6\nlength = 6")
     force = forces(write_scene, wide)
     assert force.shape[0] == 25
-    place = centre_of_pressure(force)
+    grid = np.indices(force.shape[1:])
+    place = np.array([[(g * f).sum() / f.sum() for g in grid] for f in force])
     way = 50 * np.maximum(np.arange(25) * T - 0.01, 0)
     # Taxels enter and leave at the rim one by one, 16 samples a pitch: a fiftieth of a pitch of the centre.
     assert place[:, 1] == pytest.approx(7.5 + way * math.cos(math.radians(30)), abs=0.02)
@@ -175,13 +163,7 @@ def ramp(more: str) -> str:
     ("text", "peaks"),
     [
         (slip("speed_pitch_per_s = 0\n", force="force_n = [1, 2, 4]"), [1, 2, 4]),
-        (
-            tapping('frequency_hz = 100\nduty = 0.4\nprofile = "square"\nframes = 15\n').replace(
-                "10.0", "[9, 4]"
-            ),
-            [9, 9, 0, 0, 0, 4, 4, 0, 0, 0, 9, 9, 0, 0, 0],
-        ),
-        (ramp("force_n = [2, 12]\n"), [2, 12]),
+        (tapping('frequency_hz = 100\nduty = 0.4\nprofile = "square"\nframes = 5\n'), [10, 10, 0, 0, 0]),
         (ramp("force_n = [2, 12]\nframes = 5\n"), [2, 4.5, 7, 9.5, 12]),
         (ramp("force_n = [0, 6, 6, 0]\nduration_s = 0.018\n"), [0, 2, 4, 6, 6, 6, 6, 4, 2, 0]),
         # A duration that is no whole number of frames still ends where it should.
@@ -224,29 +206,22 @@ def test_forces_of_several_bodies_add_and_the_shorter_holds(write_scene: Write) 
     ("text", "key", "allowed"),
     [
         (indenter("flat", "total_force_n = 3\n"), "stimulus", "exactly one of force_n, total_force_n"),
-        (slip("speed_pitch_per_s = 1\n"), "stimulus", "exactly one of frames, duration_s"),
-        (slip("speed_pitch_per_s = 1\nframes = 3\nduration_s = 1\n"), "stimulus", "exactly one of frames"),
         (slip("frames = 3\n"), "stimulus.speed_pitch_per_s", ">= 0"),
         (slip("speed_pitch_per_s = 1\nframes = 9999999\n"), "stimulus.frames", "131072 frames"),
-        (slip("speed_pitch_per_s = 1\nduration_s = 1e9\n"), "stimulus.duration_s", "131072 frames"),
         (slip("speed_pitch_per_s = 1\nframes = 3\nt_frame_s = 1\n"), "stimulus.t_frame_s", "unknown key"),
         (tapping("frequency_hz = 5\n"), "stimulus", "exactly one of frames, duration_s"),
         (ramp("force_n = [3, 4]\nframes = 1\n"), "stimulus.frames", "2..2^25"),
-        (ramp("frames = 2\n"), "stimulus", "exactly one of force_n, total_force_n"),
-        ('[stimulus]\nkind = "several"\n', "stimulus.parts", "1 to 64 tables"),
         ('[stimulus]\nkind = "several"\nparts = []\n', "stimulus.parts", "1 to 64 tables"),
-        (SEVERAL.replace("width = 2", "width = -2"), "stimulus.parts.0.width", "> 0"),
         (SEVERAL.replace("width = 2", "widht = 2"), "stimulus.parts.0.widht", "width"),
         (SEVERAL.replace('"ramp"', '"uniform"'), "stimulus.parts.1.kind", "indenter"),
-        (SEVERAL.replace("frames = 3", "frames = 3\nduration_s = 1"), "stimulus.parts.1", "exactly one of frames"),
         (SEVERAL.replace("force_n = 3.0", "total_force_n = 3.0\ncenter_row = 99"), "stimulus.parts.0.total_force_n",
          "touches no taxel"),
-        (SEVERAL.replace("force_n = 3.0", "force_n = 3.0\nt_frame_s = 1"), "stimulus.parts.1.t_frame_s", "the same")
+        (SEVERAL.replace("force_n = 3.0", "force_n = 3.0\nt_frame_s = 1"), "stimulus.parts.1.t_frame_s", "the same"),
+        (f'[array]\nrows = 256\ncols = 256\n[stimulus]\nkind = "uniform"\ncode = {[1] * 600}\n', "stimulus.code",
+         "at most")
     ]
 )  # fmt: skip
-def test_a_moving_body_that_is_none_is_one_line(
-    text: str, key: str, allowed: str, write_scene: Write
-) -> None:
+def test_a_wrong_stimulus_is_one_line(text: str, key: str, allowed: str, write_scene: Write) -> None:
     error = complaint(write_scene, text)
     assert error.key == key
     assert allowed in error.allowed
@@ -264,7 +239,6 @@ def recorded(more: str) -> str:
     ("more", "expected"),
     [
         ("", [0, 4, 12]),
-        ("t_frame_s = 0.002\nresample = 'linear'\n", [0, 4, 12]),
         ("t_frame_s = 0.032\n", [0, 4, 12]),
         ("t_frame_s = 0.008\nresample = 'hold'\n", [0] * 4 + [4] * 4 + [12] * 4),
         ("t_frame_s = 0.008\nresample = 'linear'\n", [0, 1, 2, 3, 4, 6, 8, 10, 12]),
@@ -314,15 +288,6 @@ def test_a_code_means_the_force_whose_duty_is_c_over_510(
     assert plan.force_n[255, 0, 0] == pytest.approx(7500 / (2 * v_bias_v / (k * 25e-6)), rel=1e-12)
 
 
-@pytest.mark.paper
-def test_csv_with_a_frame_a_line_and_with_a_row_a_line_read_the_same(write_scene: Write) -> None:
-    a = forces(write_scene, frames(), frames__csv="0,1,2,3,4,255\n6,7,8,9,10,11\n")
-    b = forces(write_scene, frames(), frames__csv="0,1,2\n3,4,255\n\n6, 7 ,8\r\n9,10,11")
-    assert a.shape == (2, 2, 3)
-    assert (a == b).all()
-    assert a[0].ravel() == pytest.approx(15.0 * np.array([0, 1, 2, 3, 4, 255]) / 255)
-
-
 def test_numbers_of_a_csv_are_those_of_float() -> None:
     rng = np.random.default_rng(17)
     doubles = rng.integers(0, 2**63 - 2**52, 3000, dtype=np.uint64).view(float)
@@ -340,17 +305,17 @@ def test_numbers_of_a_csv_are_those_of_float() -> None:
 
 def test_npy_npz_and_csv_read_the_same(write_scene: Write) -> None:
     codes = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
-    csv = forces(write_scene, frames(), frames__csv="0,1,2,3,4,5\n6,7,8,9,10,11\n")
     for name, data, more in (
-        ("f.npy", npy(codes), ""),
+        ("f.csv", "0,1,2,3,4,5\n6,7,8,9,10,11\n", ""),
+        ("f.csv", "0,1,2\n3,4,5\n\n6, 7 ,8\r\n9,10,11", ""),
         ("f.npy", npy(np.asfortranarray(codes.astype(">i4"))), ""),
         ("f.npz", npz(codes=codes), ""),
         ("f.npz", npz(other=codes + 1, codes=codes.astype(float)), 'key = "codes"\n'),
     ):
         got = forces(write_scene, frames(file=name, more=more), **{name.replace(".", "__"): data})
-        assert (got == csv).all()
+        assert got == pytest.approx(15.0 * codes / 255)
     single = forces(write_scene, frames(file="f.npy"), f__npy=npy(codes[1]))
-    assert (single == csv[1:]).all()
+    assert single == pytest.approx(15.0 * codes[1:] / 255)
 
 
 def test_newtons_scale_and_selection(write_scene: Write) -> None:
@@ -366,20 +331,14 @@ WRONG_CSV = [
     ("1,2,3,4\n", "line 1", "6 values"),
     ("1,2,3,4,5,6\n1,2,3\n", "line 2", "6 values, as"),
     ("1,2,3\n1,2,3\n4,5,6\n", "lines", "whole frames"),
-    ("1,2,3,4,5,x\n", "line 1, value 6", "a number"),
-    ("1,2,3,4,5,1_0\n", "line 1, value 6", "a number"),
-    ("1;2;3;4;5;6\n", "line 1", "6 values"),
     ("1,2,3,4,5,nan\n", "frame 0, row 1, column 2", "0..255"),
-    ("1,2,3,4,-1,6\n", "frame 0, row 1, column 1", "0..255"),
     ("1,2,3,4,5,6\n1,2,256,4,5,6\n", "frame 1, row 0, column 2", "0..255"),
     ("1,2,3,4,5,1.5\n", "frame 0, row 1, column 2", "whole number"),
-    ("1,2,3,4,5,6\x00\n", "line 1, value 6", "a number"),
     ("1,2,3,4,5,٣\n", "byte 10", "numbers separated by commas"),
-    ("1,2,3,4,5,.control\n", "line 1, value 6", "a number"),
-    # What JSON takes and a number is not.
+    # JSON takes some of these.
     *(
-        (f"1,2,3,4,5,{word}\n", "line 1, value 6", "a number")
-        for word in ("true", "null", '"1"', "[1]", "1 2")
+        (f"1,2,3,4,5,{cell}\n", "line 1, value 6", "a number")
+        for cell in ("x", "1_0", "6\x00", "true", "[1]")
     ),
 ]
 
@@ -396,10 +355,8 @@ def test_a_wrong_csv_is_one_line_that_names_the_place(
 @pytest.mark.parametrize(
     ("text", "last", "allowed"),
     [
-        (frames("newtons"), "inf", "newtons"),
         (frames("newtons"), "-1e-9", "newtons"),
-        (ohms("frames.csv"), "-1", "ohm"),
-        (ohms("frames.csv"), "nan", "ohm"),
+        (OHMS, "-1", "ohm"),
         (frames("newtons", "scale = 1e300\n"), "1e300", "scale"),
         (frames(more="select = [0, 2]\n"), "6", "0..0"),
     ],
@@ -418,10 +375,6 @@ def _claims_a_petabyte() -> bytes:
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(48)
 
 
-def _claims_more_than_it_has() -> bytes:
-    return npy(CODES)[:-1]
-
-
 def _bomb() -> bytes:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -429,23 +382,13 @@ def _bomb() -> bytes:
     return stream.getvalue()
 
 
-def _pickled() -> bytes:
-    stream = io.BytesIO()
-    np.save(stream, np.array([[print]], dtype=object), allow_pickle=True)
-    return stream.getvalue()
-
-
 WRONG_NUMPY = [
-    ("npy", b"", "file", "readable npy"),
     ("npy", b"\x93NUMPY\x01\x00\xff\xff{", "file", "readable npy"),
     ("npy", _claims_a_petabyte(), "shape", "at most"),
-    ("npy", _claims_more_than_it_has(), "shape", "no more values than"),
-    ("npy", _pickled(), "dtype", "integers or floating"),
+    ("npy", npy(CODES)[:-1], "shape", "no more values than"),
+    ("npy", npy(np.array([[print]], dtype=object)), "dtype", "integers or floating"),
     ("npy", npy(CODES.astype(complex)), "dtype", "integers or floating"),
-    ("npy", npy(CODES.astype(bool)), "dtype", "integers or floating"),
-    ("npy", npy(CODES.astype("U3")), "dtype", "integers or floating"),
     ("npy", npy(np.zeros((2, 3, 2))), "shape", "[2, 3]"),
-    ("npy", npy(np.zeros(6)), "shape", "[2, 3]"),
     ("npy", npy(np.full((2, 3), np.nan)), "frame 0, row 0, column 0", "0..255"),
     ("npz", b"PK\x03\x04" + bytes(100), "file", "readable npz"),
     ("npz", npz(a=CODES, b=CODES), "key", "a, b"),
@@ -462,26 +405,19 @@ def test_a_wrong_array_file_is_one_line(
     assert allowed in error.allowed
 
 
-def test_too_many_values_are_refused_before_they_are_made(write_scene: Write) -> None:
-    many = ", ".join(["1"] * 600)
-    error = complaint(
-        write_scene, f'[array]\nrows = 256\ncols = 256\n[stimulus]\nkind = "uniform"\ncode = [{many}]\n'
-    )
-    assert error.key == "stimulus.code"
-    assert "at most" in error.allowed
-
-
 @pytest.mark.paper
 @pytest.mark.parametrize("effects", ["", "motion = true", "auto = {}\nmotion = true"])
-@pytest.mark.parametrize("file", ["r.csv", "r.npy"])
-def test_a_resistance_of_minus_zero_is_a_short(write_scene: Write, effects: str, file: str) -> None:
+def test_a_resistance_of_minus_zero_is_a_short(write_scene: Write, effects: str) -> None:
     """1 / -0.0 is -inf: with motion it read 0, without it ended as a defect."""
-    ohm, codes = np.full((2, 2, 3), 1000.0), []
-    ohm[1, 0, 0] = ohm[0, 1, 2] = -0.0
-    for values in (ohm, np.abs(ohm)):
-        text = "\n".join(",".join(map(repr, map(float, row))) for row in values.reshape(-1, 3)) + "\n"
-        content = npy(values) if file.endswith("npy") else text
-        plan = planning.load(write_scene(f"{ohms(file)}[effects]\n{effects}\n", **{file: content}))
-        codes.append(engines.run(plan).codes)
+    text, codes = f"{OHMS}[effects]\n{effects}\n", []
+    for file, zero in (("frames.csv", "-0.0"), ("frames.csv", "0"), ("f.npy", "-0.0")):
+        table = f"1e3,1e3,1e3,1e3,1e3,{zero}\n{zero},1e3,1e3,1e3,1e3,1e3\n"
+        values = np.array([line.split(",") for line in table.split()], dtype=float).reshape(2, 2, 3)
+        content = npy(values) if file == "f.npy" else table
+        name = file.replace(".", "__")
+        codes.append(
+            engines.run(planning.load(write_scene(text.replace("frames.csv", file), **{name: content}))).codes
+        )
     assert (codes[0] == codes[1]).all()
+    assert (codes[0] == codes[2]).all()
     assert effects or codes[0][1, 0, 0] == codes[0][0, 1, 2] == 255
