@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 import shutil
-import stat
 from collections.abc import Callable
 from pathlib import Path
 
@@ -40,19 +38,13 @@ needs_sta = pytest.mark.skipif(
 Edit = Callable[[str], str]
 
 
-def sources(tmp_path: Path, module: str, edit: Edit) -> list[Path]:
-    """The files of rtl/files.f with one of them changed."""
-    (old,) = (path for path in rtl_sources() if path.stem == module)
-    text = edit(old.read_text())
-    assert text != old.read_text()
-    new = tmp_path / old.name
-    new.write_text(text)
-    return [new if path == old else path for path in rtl_sources()]
-
-
-def block(tmp_path: Path, module: str = COUNTER, edit: Edit | None = None) -> Netlist:
-    """One module mapped in osu035."""
-    files = None if edit is None else sources(tmp_path, module, edit)
+def block(tmp_path: Path, module: str = COUNTER, edit: Edit = lambda text: text) -> Netlist:
+    """One module mapped in osu035, of files of which one is changed."""
+    files = []
+    for path in rtl_sources():
+        new = tmp_path / path.name
+        new.write_text(edit(path.read_text()) if path.stem == module else path.read_text())
+        files.append(new)
     return map_design(OSU035, {}, tmp_path / "out", top=module, sources=files)
 
 
@@ -103,14 +95,12 @@ def test_a_block_passes_every_count_and_its_latch_is_the_library_s(tmp_path: Pat
     assert areas(OSU035, cells(OSU035.liberty("typical")))["LATCH"] == pytest.approx(11.2 * 20)
 
 
-@pytest.mark.parametrize(("module", "latch", "flop"), [(COUNTER, 0, "dfrtp_1"), (SYNC, 1, "dfrtp_1")])
-def test_a_block_maps_to_sky130_and_is_proved_equal(
-    tmp_path: Path, module: str, latch: int, flop: str
-) -> None:
+@pytest.mark.parametrize(("module", "latch"), [(COUNTER, 0), (SYNC, 1)])
+def test_a_block_maps_to_sky130_and_is_proved_equal(tmp_path: Path, module: str, latch: int) -> None:
     sky130 = TECHNOLOGIES["sky130"]
     made = map_design(sky130, {}, tmp_path, top=module)
     assert made.kinds["sky130_fd_sc_hd__dlrtn_1"] == made.latches == latch
-    assert made.kinds[f"sky130_fd_sc_hd__{flop}"] == made.flops
+    assert made.kinds["sky130_fd_sc_hd__dfrtp_1"] == made.flops
     assert set(judged(made, latches=latch).values()) == {"PASS"}
     assert prove(sky130, {}, made.verilog, made.json, tmp_path / "proof", top=module).proved is True
 
@@ -159,41 +149,32 @@ def test_the_memory_can_stay_a_black_box_and_the_hierarchy_be_kept(tmp_path: Pat
 # ---- equivalence ------------------------------------------------------------------------------------------------
 
 
-def proof_of(netlist: Netlist, verilog: str, tmp_path: Path, module: str = COUNTER) -> Proof:
-    changed = tmp_path / "changed.v"
-    changed.write_text(verilog)
-    return prove(OSU035, {}, changed, netlist.json, tmp_path / "proof", top=module)
-
-
-# Each is one change to the netlist; a gate's, a clock's edge, a reset that never comes.
-NETLIST_FAULTS: dict[str, tuple[str, str]] = {
-    "gate": ("  NAND2X1 ", "  NOR2X1 "),
-    "inputs_swapped_of_a_mux_like_gate": ("  OAI21X1 ", "  AOI21X1 "),
-    "reset_tied_off": (".R(rst_ni)", ".R(1'b1)"),
-    "reset_sets": (".R(rst_ni),\n    .S(1'h1)", ".R(1'h1),\n    .S(rst_ni)"),
-    "clock": (".CLK(clk_i)", ".CLK(gate_i)"),
-}
-
-
 @needs_osu035
 @pytest.mark.parametrize(
-    ("module", "faults", "least"),
-    [(COUNTER, NETLIST_FAULTS, 4), (SYNC, {"latch": ("  NAND2X1 ", "  AND2X1 ")}, 1)],
+    ("module", "faults"),
+    [
+        (
+            COUNTER,
+            [
+                ("  NAND2X1 ", "  NOR2X1 "),
+                (".R(rst_ni)", ".R(1'b1)"),
+                (".R(rst_ni),\n    .S(1'b1)", ".R(1'b1),\n    .S(rst_ni)"),
+                (".CLK(clk_i)", ".CLK(gate_i)"),
+            ],
+        ),
+        (SYNC, [("  NAND2X1 ", "  AND2X1 ")]),
+    ],
 )
 def test_a_netlist_is_proved_equal_and_a_changed_one_is_not(
-    tmp_path: Path, module: str, faults: dict[str, tuple[str, str]], least: int
+    tmp_path: Path, module: str, faults: list[tuple[str, str]]
 ) -> None:
-    made = block(tmp_path, module)
+    made, changed = block(tmp_path, module), tmp_path / "changed.v"
     right = made.verilog.read_text()
-    assert proof_of(made, right, tmp_path, module).proved is True
-    tried = 0
-    for fault, (old, new) in faults.items():
-        wrong = right.replace(old, new, 1)
-        if wrong == right:
-            continue
-        tried += 1
-        assert proof_of(made, wrong, tmp_path, module).proved is False, fault
-    assert tried >= least
+    for old, new in [("", ""), *faults]:
+        assert old in right
+        changed.write_text(right.replace(old, new, 1))
+        proof = prove(OSU035, {}, changed, made.json, tmp_path / "proof", top=module)
+        assert proof.proved is (old == new), old
 
 
 def test_an_undecided_proof_is_an_error_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -216,23 +197,15 @@ Path Type: max
    0.0000    0.7000 v b_reg/D (DFFSR)
              0.7000   data arrival time
 ---------
-             {slack}   slack ({met})
+             {slack}   slack (MET)
 """
-
-
-def fake_sta(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, says: str) -> None:
-    program = tmp_path / "sta"
-    program.write_text(f"#!/bin/sh\ncat <<'end'\n{says}\nend\n")
-    program.chmod(program.stat().st_mode | stat.S_IXUSR)
-    monkeypatch.setattr(synth_timing, "tool", lambda *names: str(program))
 
 
 @needs_osu035
 @pytest.mark.parametrize(
     "says",
     [
-        "",
-        PATH_TEXT.format(slack="12.5000", met="MET") + "sta ended",
+        PATH_TEXT.format(slack="12.5000") + "sta ended",
         "Error: no such file",
         "Warning: net a has no driver\nsta ended",
     ],
@@ -240,7 +213,10 @@ def fake_sta(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, says: str) -> None
 def test_a_report_without_all_paths_is_an_error_and_no_pass(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, says: str
 ) -> None:
-    fake_sta(tmp_path, monkeypatch, says)
+    program = tmp_path / "sta"
+    program.write_text(f"#!/bin/sh\ncat <<'end'\n{says}\nend\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(synth_timing, "tool", lambda *names: str(program))
     netlist = Netlist(OSU035, tmp_path, tmp_path / "n.v", tmp_path / "n.json")
     rows: list[verdict.Row] = []
     synth.attempt(rows, "synth.timing.x", lambda: synth.timing_rows(OSU035, netlist, "x"))
@@ -255,7 +231,7 @@ def test_the_shortest_period_is_found_on_a_bent_line(monkeypatch: pytest.MonkeyP
         # OpenSTA reports slack with four decimals.
         slack = {clock: f"{min(0.4 * t - 2.0, t - 8.0):.4f}" for clock, t in periods.items()}
         return {
-            (clock, "max"): synth_timing.parse(PATH_TEXT.format(slack=slack[clock], met="MET"))["clk", "max"]
+            (clock, "max"): synth_timing.parse(PATH_TEXT.format(slack=slack[clock]))["clk", "max"]
             for clock in periods
         }
 
@@ -288,31 +264,17 @@ def test_a_crossing_that_takes_longer_than_a_period_is_seen(
     found = timing(chip, tmp_path).crossings(synth.sdc_periods() | {"clk": 1.0})
     assert found["clk"].slack_ns < 0 < found["sck"].slack_ns
     assert found["sck"].start.startswith("u_frame_buffer.")
-    # Cut, as for the other rows, no path is left between the two.
-    sdc = tmp_path / "cut.sdc"
-    sdc.write_text(f"set cut_crossings 1\n{synth_timing.SDC.read_text()}")
-    with pytest.raises(SimulatorError, match="no path into"):
-        timing(chip, tmp_path, sdc=sdc).crossings(synth.sdc_periods())
 
 
 @pytest.mark.long
 @needs_osu035
 @needs_sta
-def test_derates_and_another_liberty_change_the_slack(
-    chip: tuple[list[verdict.Row], Netlist], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_derates_change_the_slack(chip: tuple[list[verdict.Row], Netlist], tmp_path: Path) -> None:
     periods = synth.sdc_periods()
     plain = timing(chip, tmp_path).worst(periods)
     careful = dataclasses.replace(OSU035, early=0.5, late=2.0)
     derated = timing(chip, tmp_path, technology=careful).worst(periods)
     assert all(derated[key].slack_ns < plain[key].slack_ns - 0.1 for key in plain)
-    text = OSU035.liberty("typical").read_text()
-    slower = re.sub(
-        r"(?<=values \()[^)]*", lambda m: re.sub(r"\d+\.\d+", lambda n: f"{2 * float(n[0]):g}", m[0]), text
-    )
-    (tmp_path / "osu035_stdcells.lib").write_text(slower)
-    monkeypatch.setattr(synth_cells, "OSU035", tmp_path)
-    assert timing(chip, tmp_path).worst(periods)["sck", "max"].slack_ns < plain["sck", "max"].slack_ns - 2
 
 
 def test_a_netlist_is_mapped_again_if_its_inputs_or_its_files_change(
