@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import random
-import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,16 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dermis.array.array import column_currents
-from dermis.converter import coupling, walk
+from dermis.converter import walk
 from dermis.effects import EFFECTS
-from dermis.engines import Result, cosim, rtl
+from dermis.engines import cosim, rtl
 from dermis.records import Plan
 from scripts import workers
 from scripts.checkpoint import Checkpoint
 from tb.programs.campaign import command, laws
 from tb.reference import scenes
-from tb.reference.scenes import PROFILES, World, random_scene
+from tb.reference.scenes import World
 
 FOUND = sorted(command.FOUND.glob("*.toml"))
 # Defects that are not cured yet (docs/verification.md); a cured case moves to FOUND.
@@ -81,17 +78,6 @@ def test_an_open_case_is_still_open(path: Path) -> None:
     )
 
 
-def test_a_world_survives_its_file(tmp_path: Path) -> None:
-    one = dataclasses.replace(
-        made({"row_driver": {"r_ohm": 3.5, "grounded_r_ohm": np.inf}, "auto": {"budget_lsb": 0.5}}),
-        design={"timing": {"break_clocks": 2}},
-        why='a "quoted" reason',
-        refused="x",
-    )
-    (tmp_path / "made.toml").write_text(one.to_toml())
-    assert scenes.load(tmp_path / "made.toml") == one
-
-
 def drawn(engines: str, number: int, seed: int = 0) -> World:
     return command.scene_of(engines, seed, number)
 
@@ -107,20 +93,6 @@ def test_a_campaign_draws_everything() -> None:
     assert max(bits) > 8
     assert drawn("closed,event", 7) == drawn("closed,event", 7)
     assert drawn("closed,event", 7, seed=1) != drawn("closed,event", 7)
-
-
-def test_scenes_are_drawn_within_their_profile() -> None:
-    """No deck draws random numbers, so that scenes for one have no noise; gentle scenes have only auto's budgets."""
-    for engines in ("rtl", "cosim"):
-        for n in range(100):
-            on = drawn(engines, n).scene["effects"]
-            assert not [
-                name for name, value in on.items() if name in EFFECTS and EFFECTS[name].random and value
-            ]
-            assert "auto" not in on
-    gentle = [random_scene(random.Random(n), PROFILES["auto"]) for n in range(20)]
-    assert {one.scene["effects"]["auto"]["budget_lsb"] for one in gentle} == {0.0}
-    assert all(one.plan(Path(), None) for one in gentle if not one.files)
 
 
 @pytest.mark.parametrize(
@@ -141,115 +113,78 @@ def test_scenes_of_a_campaign_break_no_law(engines: str, wanted: int) -> None:
 # ---- seeded faults
 
 
-def _counts(change: Callable[[Any, Any], Any]) -> Callable[..., Any]:
-    original = walk.count_cells
+def _lost(run: Any, plan: Plan, *rest: Any, **options: Any) -> Any:
+    """Run without an effect."""
+    return run(
+        dataclasses.replace(plan, converter=dataclasses.replace(plan.converter, packet_error=0.0)),
+        *rest,
+        **options,
+    )
 
-    def wrong(cells: walk.Cells, clocks: int, *rest: Any) -> Any:
-        counts, end = original(cells, clocks, *rest)
-        return change(counts, cells), end
 
-    return wrong
-
-
-def _lost(module: Any, **fields: float) -> Callable[..., Result]:
-    """Return an engine that ignores an effect."""
-    original = module.run
-
-    def wrong(plan: Plan, *rest: Any, **options: Any) -> Result:
-        converter = dataclasses.replace(plan.converter, **fields)
-        return original(dataclasses.replace(plan, converter=converter), *rest, **options)
+def _count(change: Callable[[Any], Any]) -> Callable[..., Any]:
+    def wrong(real: Any, *given: Any) -> Any:
+        counts, end = real(*given)
+        return change(counts), end
 
     return wrong
 
 
-def test_nothing_is_found_where_nothing_is_wrong() -> None:
-    assert broken(made()) == set()
-    assert broken(made({"column_input": True, "offset_current": {"i_a": -3e-8}})) == set()
+def _leak(real: Any, cells: walk.Cells, charge_delay: float) -> walk.Rows:
+    return real(dataclasses.replace(cells, leak=-cells.leak), charge_delay)
 
 
-def test_one_count_too_many_in_event_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(walk, "count_cells", _counts(lambda n, cells: n + (n > 100)))
-    assert "closed_equals_event" in broken(made())
+def _coupled(real: Any, plan: Plan, g: Any, x: Any) -> Any:
+    """Let a result depend on the number of frames in a part."""
+    found = real(plan, g, x)
+    return found and dataclasses.replace(found, x=found.x + 1e-9 * len(g))
+
+
+def _first_column(real: Any, *given: Any) -> Any:
+    return real(*given) * np.array([1.01, 1.0, 1.0])
+
+
+def _no_offset(real: Any, *given: Any) -> Any:
+    values = real(*given)
+    values[..., rtl.value_places()["RISE"]] *= -1.0
+    return values
+
+
+OFFSETS = made({"comparator_offset": {"v_v": 2.5}, "offset_current": {"i_a": 1e-7}})
+GAIN = {"integrator_gain": {"gain_dc": 20.0, "r_in_ohm": 1e5}}
+COUPLED = made({"integrator_gain": True, "row_driver": True}, topology="direct")
+PACKET = made({"charge_packet": {"packet_error": 0.1}}, ohm=[[[600.0]]])
 
 
 @pytest.mark.paper
-def test_a_wrong_sign_in_event_alone_is_found_by_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The reference of fifty digits covers scenes that engine closed refuses."""
-    original = walk.rows_of
-
-    def wrong(cells: walk.Cells, charge_delay: float) -> walk.Rows:
-        return original(dataclasses.replace(cells, leak=-cells.leak), charge_delay)
-
-    monkeypatch.setattr(walk, "rows_of", wrong)
-    found = broken(made({"integrator_gain": {"gain_dc": 20.0, "r_in_ohm": 1e5}}), seeds=8)
-    assert found & {"fifty_digits", "monotone", "typed_errors"}
-
-
-def test_frames_that_move_each_other_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A result that depends on the number of frames in a part."""
-    original = coupling.coupling
-
-    def wrong(plan: Plan, g: Any, x: Any) -> Any:
-        found = original(plan, g, x)
-        return found and dataclasses.replace(found, x=found.x + 1e-9 * len(g))
-
-    monkeypatch.setattr(walk, "coupling", wrong)
-    direct = {"topology": "direct"}
-    assert "parts" in broken(made({"integrator_gain": True, "row_driver": True}, **direct))
-
-
-def test_a_current_that_leaves_the_wrong_column_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = walk.column_currents
-
-    def wrong(network: Any, g: Any) -> Any:
-        current = original(network, g).copy()
-        current[..., 0] *= 1.01
-        return current
-
-    monkeypatch.setattr(walk, "column_currents", wrong)
-    assert {"closed_equals_event", "symmetric"} <= broken(made({"row_driver": {"r_ohm": 5.0}}), seeds=5)
-
-
-def test_columns_that_shorts_join_are_known_to_what_the_engine_says_and_others_to_the_last_digits() -> None:
-    case = scenes.load(command.FOUND / "symmetric_shorted_neighbours.toml")
-    with tempfile.TemporaryDirectory() as scratch:
-        plan = case.plan(Path(scratch), "event")
-    apart = dataclasses.replace(
-        plan, resistance_ohm=np.where(plan.resistance_ohm == 0, 1e3, plan.resistance_ohm)
-    )
-    for one, says in ((plan, True), (apart, False)):
-        g = one.conductance_s()
-        duty = one.converter.duty(column_currents(one.network(0), g))
-        coupled = coupling.coupling(one, g, duty)
-        assert coupled is not None
-        assert (coupled.known > 0).any() == says
-
-
-def test_a_warning_and_a_foreign_exception_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(walk, "count_cells", _counts(lambda n, cells: n // np.zeros_like(n)))
-    assert laws.judge(made(), "closed,event", 0).laws == {"typed_errors"}
-
-
-def test_a_lost_effect_in_the_verilog_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = made({"comparator_offset": {"v_v": 2.5}, "offset_current": {"i_a": 1e-7}})
-    assert broken(one, "rtl", 1) == set()
-    original = rtl.run_time_values
-
-    def wrong(*arguments: Any) -> Any:
-        values = original(*arguments)
-        values[..., rtl.value_places()["RISE"]] *= -1.0
-        return values
-
-    monkeypatch.setattr(rtl, "run_time_values", wrong)
-    assert broken(one, "rtl", 1) == {"through_verilog"}
-
-
-@pytest.mark.long
-def test_a_lost_effect_in_the_deck_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = made({"charge_packet": {"packet_error": 0.1}}, ohm=[[[600.0]]])
-    assert broken(one, "cosim", 1) == set()
-    monkeypatch.setattr(cosim, "run", _lost(cosim, packet_error=0.0))
-    assert broken(one, "cosim", 1) == {"through_spice"}
+@pytest.mark.parametrize(
+    ("module", "name", "fault", "one", "law", "engines", "seeds"),
+    [
+        (walk, "count_cells", _count(lambda n: n + (n > 100)), made(), "closed_equals_event", "closed,event", 3),
+        (walk, "count_cells", _count(lambda n: n // np.zeros_like(n)), made(), "typed_errors", "closed,event", 1),
+        # The reference of fifty digits covers scenes that engine closed refuses.
+        (walk, "rows_of", _leak, made(GAIN), "fifty_digits", "closed,event", 8),
+        (walk, "coupling", _coupled, COUPLED, "parts", "closed,event", 3),
+        (walk, "column_currents", _first_column, made({"row_driver": {"r_ohm": 5.0}}), "symmetric", "closed,event", 5),
+        (rtl, "run_time_values", _no_offset, OFFSETS, "through_verilog", "rtl", 1),
+        pytest.param(cosim, "run", _lost, PACKET, "through_spice", "cosim", 1, marks=pytest.mark.long),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)  # fmt: skip
+def test_a_law_holds_and_breaks_on_its_fault(
+    module: Any,
+    name: str,
+    fault: Callable[..., Any],
+    one: World,
+    law: str,
+    engines: str,
+    seeds: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert broken(one, engines, 1) == set()
+    real = getattr(module, name)
+    monkeypatch.setattr(module, name, lambda *given, **more: fault(real, *given, **more))
+    assert law in broken(one, engines, seeds)
 
 
 # ---- going on
