@@ -8,7 +8,6 @@ import json
 import shlex
 import shutil
 from collections import Counter
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -35,52 +34,31 @@ def build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def called(*arguments: str) -> tuple[int, str]:
-    """Exit code and output of the command."""
+def called(*arguments: str) -> int:
+    """Exit code of the command."""
     done = CliRunner().invoke(characterise_command, arguments, standalone_mode=False)
     if done.exception is not None:
         raise done.exception
-    return done.return_value, done.output
-
-
-@pytest.fixture
-def changed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], None]]:
-    """Give a bench another body."""
-
-    def change(name: str, body: str) -> None:
-        monkeypatch.setitem(BENCHES, name, dataclasses.replace(BENCHES[name], body=body))
-
-    return change
+    return done.return_value
 
 
 # ---- kept by content --------------------------------------------------------------------------------------------
 
 
-def test_a_result_is_measured_once_and_taken_up_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = runs.measured(BENCHES["reference"].body, Condition())
-    monkeypatch.setattr(runs, "simulate", lambda *_: pytest.fail("measured again"))
-    assert runs.measured(BENCHES["reference"].body, Condition()) == first
-    assert not Runs([Job("reference", Condition())]).todo
-
-
 def test_a_key_is_that_of_what_decides_and_of_nothing_else(tmp_path: Path) -> None:
     blocks = tmp_path / "sky130"
-    blocks.mkdir()
-    for path in (benches.sky130.ROOT / "spice" / "sky130").iterdir():
-        (blocks / path.name).write_text(path.read_text())
+    shutil.copytree(benches.sky130.ROOT / "spice" / "sky130", blocks)
 
     def keys() -> dict[str, str]:
         named = {name: BENCHES[name].body for name in ("reference", "comparator", "chain_k80")}
         return {n: runs.key(runs.resolved(deck(b, Condition(), blocks=blocks))) for n, b in named.items()}
 
-    before = keys()
-    mirror = blocks / "mirror.sp"
+    before, mirror = keys(), blocks / "mirror.sp"
     mirror.write_text("* a comment\n" + mirror.read_text())
     assert keys() == before
     mirror.write_text(mirror.read_text().replace("l=2", "l=2.1"))
     after = keys()
-    assert after["chain_k80"] != before["chain_k80"]
-    assert (after["reference"], after["comparator"]) == (before["reference"], before["comparator"])
+    assert {name for name in before if after[name] != before[name]} == {"chain_k80"}
 
 
 def test_an_interrupted_run_goes_on_where_it_stopped() -> None:
@@ -135,37 +113,35 @@ def test_the_command_of_a_row_measures_that_row_there_and_nothing_else() -> None
 
 
 def test_the_command_passes_fails_and_gives_up_with_an_exit_code_each(
-    build: Path, changed: Callable[[str, str], None]
+    build: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    typical = ("--only", "reference", "--only", "row_driver_held", "--at", "tt,27,1", "--jobs", "1")
+    held = BENCHES["row_driver_held"].body
 
-    def run() -> tuple[int, dict[str, verdict.Row]]:
-        code, _ = called(*typical)
+    def run(body: str) -> tuple[int, verdict.Row]:
+        monkeypatch.setitem(
+            BENCHES, "row_driver_held", dataclasses.replace(BENCHES["row_driver_held"], body=body)
+        )
+        code = called("--only", "reference", "--only", "row_driver_held", "--at", "tt,27,1", "--jobs", "1")
         rows = json.loads((build / "build" / "characterise_part.json").read_text())
-        return code, {row["name"]: row for row in rows}
+        (row,) = [row for row in rows if row["name"] == "sky130.row_driver_r_ohm.held"]
+        assert {other["status"] for other in rows if other != row} == {"PASS"}
+        return code, row
 
-    code, rows = run()
-    assert (code, {row["status"] for row in rows.values()}) == (0, {"PASS"}), rows
-    assert rows["sky130.row_driver_r_ohm.held"]["value"] > 0.1
+    code, row = run(held)
+    assert (code, row["status"]) == (0, "PASS")
+    assert row["value"] > 0.1
 
     # Two ohm of wire behind the switch.
-    held = BENCHES["row_driver_held"].body
     far = held.replace("il row 0 0", "rfault row far 2\nil far 0 0").replace("v(row)", "v(far)")
-    changed("row_driver_held", far)
-    code, rows = run()
-    row = rows["sky130.row_driver_r_ohm.held"]
+    code, row = run(far)
     assert (code, row["status"]) == (1, "FAIL")
     assert "--only sky130.row_driver_r_ohm.held --at tt,27,1" in row["note"]
 
     # A node that is 1 V where it is below half a volt, and 0 V elsewhere, has no voltage.
-    changed("row_driver_held", "bnone n 0 v='v(n) > 0.5 ? 0 : 1'\nrn n 0 1k\n" + held)
-    code, rows = run()
-    assert code == 3
-    errors = {name for name, row in rows.items() if row["status"] == "ERROR"}
-    assert errors == {"sky130.row_driver_r_ohm.held"}
-    note = rows["sky130.row_driver_r_ohm.held"]["note"]
-    assert "tried: " in note, note
-    assert str(runs.FAILED) in note, "the log stays"
+    code, row = run("bnone n 0 v='v(n) > 0.5 ? 0 : 1'\nrn n 0 1k\n" + held)
+    assert (code, row["status"]) == (3, "ERROR")
+    assert "tried: " in row["note"], row
+    assert str(runs.FAILED) in row["note"], "the log stays"
 
 
 @pytest.mark.parametrize(
@@ -173,7 +149,6 @@ def test_the_command_passes_fails_and_gives_up_with_an_exit_code_each(
     [
         (("--only", "nothing"), "--only"),
         (("--at", "tt,27"), "--at"),
-        (("--at", "tt,27,nan"), "--at"),
         (("--short", "--at", "tt,27,1"), "--short"),
         (("--docs", "--only", "reference"), "--docs"),
         (("--sample", "3", "--samples", "5"), "--sample and --samples"),
@@ -186,21 +161,15 @@ def test_wrong_arguments_are_named(arguments: tuple[str, ...], key: str) -> None
 
 
 def test_only_a_whole_run_replaces_what_others_read(build: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def of_one_bench(names: object, *ways: object) -> list[Job]:
-        return [Job("row_driver_held", Condition())]
-
-    monkeypatch.setattr(command, "jobs_of", of_one_bench)
+    monkeypatch.setattr(command, "jobs_of", lambda *_: [Job("row_driver_held", Condition())])
     rows, part = (build / "build" / f"{name}.json" for name in ("characterise", "characterise_part"))
     for arguments in (("--at", "tt,27,1"), ("--only", "row_driver_held"), ("--samples", "99"), ("--short",)):
         called(*arguments, "--jobs", "1")
         assert part.exists(), arguments
-        assert not rows.exists(), arguments
-        assert not results.VALUES.exists(), arguments
+        assert not rows.exists() | results.VALUES.exists(), arguments
         part.unlink()
     called("--jobs", "1")
-    assert rows.exists()
-    assert results.VALUES.exists()
-    assert not part.exists()
+    assert rows.exists() & results.VALUES.exists() & (not part.exists())
 
 
 def test_a_whole_run_is_63_conditions_100_draws_and_the_numerics() -> None:
@@ -208,10 +177,9 @@ def test_a_whole_run_is_63_conditions_100_draws_and_the_numerics() -> None:
     places = {job.condition for job in jobs if job.condition.sample is None and not job.numerics}
     assert len(places) == 63 == len(CORNERS) * 3 * 3 + len(PASSIVE_CORNERS) * 3
     drawn = Counter(job.bench for job in jobs if job.condition.sample is not None)
-    assert set(drawn.values()) == {100}
-    assert {"chain_k80", "vfc_sink", "comparator", "reference"} <= set(drawn)
-    solved_otherwise = {job.bench for job in jobs if job.numerics}
-    assert solved_otherwise == {name for name, bench in BENCHES.items() if ".tran" in bench.body}
+    assert drawn.items() >= dict.fromkeys(("chain_k80", "vfc_sink", "comparator", "reference"), 100).items()
+    transients = {name for name, bench in BENCHES.items() if ".tran" in bench.body}
+    assert {job.bench for job in jobs if job.numerics} == transients
 
 
 def test_a_transient_that_hangs_on_its_step_is_seen() -> None:
@@ -252,15 +220,12 @@ def test_a_sum_is_of_sizes_and_lacks_what_a_part_lacks() -> None:
 # ---- benches ----------------------------------------------------------------------------------------------------
 
 
-def test_a_quantity_that_does_not_follow_is_a_fault_and_no_number() -> None:
+def test_a_quantity_that_does_not_follow_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench("b", "", lambda found: {"q": found["missing"]}, {"q": "V"})
     nan = dataclasses.replace(bench, values=lambda found: {"q": float("nan")})
     for one, said in ((bench, "missing"), (nan, "not a number: q")):
-        BENCHES["b"] = one
-        try:
-            done = runs.outcome(Job("b", Condition()), runs.Measured({}))
-        finally:
-            del BENCHES["b"]
+        monkeypatch.setitem(BENCHES, "b", one)
+        done = runs.outcome(Job("b", Condition()), runs.Measured({}))
         assert said in done.fault
         assert not done.values
 
@@ -305,22 +270,17 @@ def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: p
 # ---- seeded faults ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("bench", "quantity", "file", "old", "new"),
-    [
-        ("overload", "overload_neighbour", "conveyor.sp", "w=20 l=0.5 k=50", "w=20 l=0.5 k=5"),
-        ("start_up", "start_up_s", "bias.sp", "cap_mim_m3_1 w=100 l=100", "cap_mim_m3_1 w=500 l=500"),
-    ],
-)
-def test_a_wrong_device_moves_the_quantity(
-    bench: str, quantity: str, file: str, old: str, new: str, tmp_path: Path
-) -> None:
-    blocks = tmp_path / "faulty"
-    shutil.copytree(CIRCUIT, blocks)
-    text = (blocks / file).read_text()
-    assert text.count(old) == 1
-    (blocks / file).write_text(text.replace(old, new))
-    body, values = BENCHES[bench].body, BENCHES[bench].values
-    right = values(runs.measured(body, Condition()))[quantity]
-    wrong = values(runs.measured(body, Condition(), blocks=blocks))[quantity]
+def test_a_wrong_device_moves_the_quantity(tmp_path: Path) -> None:
+    """The pair of the conveyor at a tenth of its size lets a column reach its neighbour."""
+    shutil.copytree(CIRCUIT, tmp_path / "faulty")
+    conveyor = tmp_path / "faulty" / "conveyor.sp"
+    text = conveyor.read_text()
+    assert text.count("w=20 l=0.5 k=50") == 1
+    conveyor.write_text(text.replace("w=20 l=0.5 k=50", "w=20 l=0.5 k=5"))
+    bench = BENCHES["overload"]
+    places = ({}, {"blocks": conveyor.parent})
+    right, wrong = (
+        bench.values(runs.measured(bench.body, Condition(), **place))["overload_neighbour"]
+        for place in places
+    )
     assert wrong > 2 * right > 0
