@@ -112,29 +112,27 @@ def test_the_conditions_reach_the_deck_and_the_resolved_scene(tmp_path: Path) ->
 
 # ---- refusals ------------------------------------------------------------------------------------------------
 
-REFUSED = {
-    "gain": ({}, {"mirror_ratio": True}, {}, "effects.mirror_ratio"),
-    "clamp": ({}, {"integrator_range": True}, {}, "effects.integrator_range"),
-    "comparator": ({}, {"comparator_offset": True}, {}, "effects.comparator_offset"),
-    "packet": ({}, {"charge_packet": True}, {}, "effects.charge_packet"),
-    "row_driver": ({}, {"row_driver": True}, {}, "effects.row_driver"),
-    "column": ({}, {"column_input": True}, {}, "effects.column_input"),
-    "behind_a_conveyor": (
-        {"charge_source": "behavioural"},
-        {"charge_packet": True},
-        {},
-        "effects.charge_packet",
-    ),
-    "packet_size": ({}, {}, {"i0_a": 20e-6}, "interface.i0_a"),
-    "capacitor": ({}, {}, {"c_int_f": 10e-12}, "interface.c_int_f"),
-    "direct_k": ({}, {}, {"topology": "direct", "k": 40}, "interface.k"),
-    "direct_mixed": ({"comparator": "behavioural"}, {}, {"topology": "direct"}, "run.views.comparator"),
-    "direct_columns": ({"columns": [0]}, {}, {"topology": "direct"}, "run.views.columns"),
-    "lateral_columns": ({"columns": [0]}, {"lateral": True}, {}, "run.views.columns"),
-}
+
+DIRECT = {"topology": "direct"}
 
 
-@pytest.mark.parametrize(("views", "effects", "interface", "key"), REFUSED.values(), ids=list(REFUSED))
+@pytest.mark.parametrize(
+    ("views", "effects", "interface", "key"),
+    [
+        *(({}, {name: True}, {}, f"effects.{name}") for name in ("mirror_ratio", "integrator_range",
+          "comparator_offset", "charge_packet", "row_driver", "column_input")),
+        ({"charge_source": "behavioural"}, {"charge_packet": True}, {}, "effects.charge_packet"),
+        ({}, {}, {"i0_a": 20e-6}, "interface.i0_a"),
+        ({}, {}, {"c_int_f": 10e-12}, "interface.c_int_f"),
+        ({}, {}, DIRECT | {"k": 40}, "interface.k"),
+        ({"comparator": "behavioural"}, {}, DIRECT, "run.views.comparator"),
+        ({"columns": [0]}, {}, DIRECT, "run.views.columns"),
+        ({"columns": [0]}, {"lateral": True}, {}, "run.views.columns"),
+        ({"default": "behavioural", "corner": "ss"}, {}, {}, "run.views.corner"),
+        ({"default": "behavioural", "supply_scale": 0.9}, {}, {}, "run.views.supply_scale"),
+        ({"default": "behavioural", "columns": [0]}, {}, {}, "run.views.columns"),
+    ],
+)  # fmt: skip
 @pytest.mark.paper
 def test_what_transistors_cannot_do_is_refused_by_name(
     views: dict[str, object],
@@ -143,18 +141,10 @@ def test_what_transistors_cannot_do_is_refused_by_name(
     key: str,
     tmp_path: Path,
 ) -> None:
-    made = make([[500.0, 500.0]], views, tmp_path, effects, interface)
     with pytest.raises(InputError) as caught:
-        engines.check(made)
+        engines.check(make([[500.0, 500.0]], views, tmp_path, effects, interface))
     assert caught.value.key == key
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("said", [{"corner": "ss"}, {"supply_scale": 0.9}, {"columns": [0]}], ids=str)
-def test_conditions_of_transistors_are_refused_without_any(said: dict[str, object], tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        make([[500.0]], {"default": "behavioural", **said}, tmp_path)
-    assert caught.value.key == f"run.views.{next(iter(said))}"
 
 
 def test_a_block_that_is_a_model_takes_its_effects(tmp_path: Path) -> None:
@@ -189,16 +179,15 @@ def test_verilog_reads_a_column_in_transistors_beside_a_model(tmp_path: Path) ->
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("topology", TOPOLOGIES)
-def test_every_interface_reads_through_the_verilog(topology: str, tmp_path: Path) -> None:
-    made = make([[2e3]], "sky130", tmp_path, interface={"topology": topology})
-    assert abs(int(cosim.run(made).codes[0, 0, 0]) - 64) <= 3  # 2 % and some LSB of offset
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("block", BLOCKS)
-def test_any_block_may_be_transistors_among_models(block: str, tmp_path: Path) -> None:
-    made = make([[2e3]], {"default": "behavioural", block: "sky130"}, tmp_path)
+@pytest.mark.parametrize(
+    ("topology", "views"),
+    [(topology, "sky130") for topology in TOPOLOGIES]
+    + [("conveyor_mirror", {"default": "behavioural", block: "sky130"}) for block in BLOCKS],
+)
+def test_every_interface_and_any_block_in_transistors_reads(
+    topology: str, views: object, tmp_path: Path
+) -> None:
+    made = make([[2e3]], views, tmp_path, interface={"topology": topology})
     assert abs(int(cosim.run(made).codes[0, 0, 0]) - 64) <= 3  # 2 % of gain and some LSB of offset
 
 
@@ -257,15 +246,14 @@ def charge(
     return np.where(busy, np.nan, drawn - v_int / made.converter.packet_v())
 
 
-def apart(made: Plan, parts: Sequence[tuple[int, ...]]) -> dict[tuple[int, ...], Deck]:
+def decks(made: Plan, parts: Sequence[tuple[int, ...] | None]) -> dict[tuple[int, ...], Deck]:
+    """A circuit of each part, or one of all."""
     levels = [1.0] + [0.0] * (made.rows - 1) + [1.0] + [0.0] * made.cols
-    return {part: netlist.frame_deck(made, 0, levels, record=True, columns=part) for part in parts}
-
-
-def together(made: Plan) -> dict[tuple[int, ...], Deck]:
-    """One circuit of all."""
-    levels = [1.0] + [0.0] * (made.rows - 1) + [1.0] + [0.0] * made.cols
-    return {tuple(range(made.cols)): netlist.frame_deck(made, 0, levels, record=True)}
+    every = tuple(range(made.cols))
+    return {
+        every if part is None else part: netlist.frame_deck(made, 0, levels, record=True, columns=part)
+        for part in parts
+    }
 
 
 def error_lsb(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
@@ -293,11 +281,11 @@ def test_columns_apart_are_as_columns_together(
     made = make([[500.0, 1e3]], "sky130", tmp_path)
     parts = netlist.parts(made)
     assert len(parts) == 3
-    whole = charge(together(made), made, CLOCKS, workers)
+    whole = charge(decks(made, [None]), made, CLOCKS, workers)
     workers.close()
-    assert error_lsb(charge(apart(made, parts), made, CLOCKS, workers), whole) <= SPLIT_LSB
+    assert error_lsb(charge(decks(made, parts), made, CLOCKS, workers), whole) <= SPLIT_LSB
     workers.close()
     monkeypatch.setattr(
         netlist, "_far_column", lambda plan, network, column: [f"rfar{column} col{column} 0 1e12"]
     )
-    assert error_lsb(charge(apart(made, parts), made, CLOCKS, workers), whole) > SPLIT_LSB
+    assert error_lsb(charge(decks(made, parts), made, CLOCKS, workers), whole) > SPLIT_LSB
