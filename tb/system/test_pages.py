@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from test_demo import complaints
 
 from dermis.places import BUILD, ROOT
 from dermis.processes import children
@@ -42,15 +43,13 @@ def test_a_report_page_is_accessible(driver: Any, tmp_path: Path, command: list[
         [sys.executable, "-m", "dermis", *command, "--out", tmp_path / "run", "--html", page],
         ROOT, tmp_path / "log", 120, "dermis run",
     )  # fmt: skip
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    drawn = "return document.querySelectorAll('.bk-Figure').length"
+    drawn = "return document.querySelectorAll('.maps figure').length"
     for width, height in ((1440, 1000), (390, 844)):
         browser.screen(driver, width, height, dark)
         driver.get(page.as_uri())
-        WebDriverWait(driver, browser.LIMIT_S).until(lambda d: d.execute_script(drawn) > 0)
+        assert driver.execute_script(drawn) > 0
         assert errors(driver) == []
-        assert browser.complaints(driver, minimum_px=10) == [], width
+        assert complaints(driver, minimum_px=10) == [], width
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +70,7 @@ def test_the_first_page_of_the_site_runs_the_chip(driver: Any, site: Path) -> No
     assert driver.execute_script("return demo.state().latest.good")
     driver.switch_to.default_content()
     assert errors(driver) == []
-    assert browser.complaints(driver, SITE_PX) == []
+    assert complaints(driver, SITE_PX) == []
 
 
 def test_no_page_of_the_site_has_an_error_on_the_console(driver: Any, site: Path) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import statistics
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -104,6 +105,13 @@ def measured(name: str, value: Any, unit: str, note: str = "") -> Row:
     except KeyError:
         return report(name, value, unit, note)
     return judge(name, value, note)
+
+
+def median(name: str, values: Sequence[float], unit: str, note: str = "") -> Row:
+    """Return the row of the median of measurements: spread in the note, all in "runs"."""
+    spread = f"{len(values)} runs, {min(values):.4g} .. {max(values):.4g}"
+    row = measured(name, statistics.median(values), unit, _with(spread, note))
+    return row | {"runs": [float(value) for value in values]}
 
 
 def skip(name: str, reason: str, unit: str = "") -> Row:
