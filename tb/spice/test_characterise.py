@@ -99,14 +99,24 @@ def test_the_worst_condition_is_the_one_with_the_least_room() -> None:
     assert "gave up: `dermis characterise --only sky130.packet_error.sink --at ss,-40,0.9`" in rows[0]["note"]
 
 
-def test_the_command_of_a_row_measures_that_row_there_and_nothing_else() -> None:
-    one = results.Series("mismatch.packet_error.sink", "packet_error.sink")
-    line = one.command("--at tt,27,1 --sample 17")
-    arguments = shlex.split(line)[2:]
+@pytest.mark.parametrize(
+    ("name", "place", "jobs"),
+    [
+        ("mismatch.packet_error.sink", "--at tt,27,1 --sample 17", [Job("vfc_sink", Condition(sample=17))]),
+        (
+            "code_inl_lsb.sink",
+            "--at tt,27,1",
+            [Job("chain_k80", Condition()), Job("density_sink", Condition())],
+        ),
+    ],
+)
+def test_the_command_of_a_row_measures_that_row_and_nothing_else(
+    name: str, place: str, jobs: list[Job]
+) -> None:
+    arguments = shlex.split(results.Series(name, name.removeprefix("mismatch.")).command(place))[2:]
     options = characterise_command.make_context("characterise", arguments).params
-    names = chosen(options["only"])
-    jobs = jobs_of(names, options["at"], options["sample"], options["many"], options["short"])
-    assert jobs == [Job("vfc_sink", Condition(sample=17))]
+    keys = ("at", "sample", "many", "short")
+    assert jobs_of(chosen(options["only"]), *(options[key] for key in keys)) == jobs
 
 
 # ---- the command ------------------------------------------------------------------------------------------------
@@ -214,7 +224,6 @@ def test_a_sum_is_of_sizes_and_lacks_what_a_part_lacks() -> None:
     assert whole.values == {"--at tt,27,1": pytest.approx(0.6), "--at ss,27,1": pytest.approx(0.3)}
     assert whole.faults == {"--at ff,27,1": "gave up"}
     assert found["typical.code_inl_lsb.sink"].row()["status"] == "FAIL"
-    assert chosen(["sky130.code_inl_lsb.sink"]) == ["chain_k80", "density_sink"]
 
 
 # ---- benches ----------------------------------------------------------------------------------------------------

@@ -195,50 +195,38 @@ def _piece(engines: str, seed: int, first: int, stop: int) -> dict[str, Any]:
     return {"counts": {"worlds": stop - first, "compared.numbers": stop - first}, "broken": wrong}
 
 
-def _workers(ends_after: int | None = None, hangs: int = -1) -> Callable[..., Iterator[tuple[int, Any]]]:
-    def run(
-        tasks: Iterable[workers.Task], count: int, fresh: bool = False
-    ) -> Iterator[tuple[int, workers.Outcome]]:
-        for number, task in enumerate(tasks):
-            if number == ends_after:
-                raise KeyboardInterrupt
-            first, stop = task.arguments[2:]
-            if first <= hangs < stop:
-                yield number, workers.Outcome(fault="hangs: ended after 1 s")
-            else:
-                yield number, workers.Outcome(task.function(*task.arguments))
-
-    return run
-
-
-def test_a_campaign_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "run_scenes", _piece)
-
+def test_a_campaign_continues_and_names_a_scene_that_hangs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def run(scenes_: int, path: str, ends_after: int | None = None) -> command.Tally:
-        monkeypatch.setattr(workers, "run", _workers(ends_after))
+        def tasks(given: Iterable[workers.Task], *_: Any, **__: Any) -> Iterator[tuple[int, workers.Outcome]]:
+            for number, task in enumerate(given):
+                if number == ends_after:
+                    raise KeyboardInterrupt
+                first, stop = task.arguments[2:]
+                hangs = first <= 331 < stop
+                yield (
+                    number,
+                    workers.Outcome(fault="hangs")
+                    if hangs
+                    else workers.Outcome(task.function(*task.arguments)),
+                )
+
+        monkeypatch.setattr(workers, "run", tasks)
         return command.run("closed,event", 0, scenes_, Checkpoint(tmp_path / path, "code"), 1)
 
+    monkeypatch.setattr(command, "run_scenes", _piece)
     expected = run(333, "whole.json")
     assert expected.counts["worlds"] == 333
-    assert expected.broken == [(7, "numbers", "made up")]
-    (stored,) = command.store_cases("closed,event", 0, expected, tmp_path)
-    assert scenes.load(stored).scene == drawn("closed,event", 7).scene
+    assert sorted(expected.broken) == [(7, "numbers", "made up"), (331, "ends", "hangs")]
+    stored = command.store_cases("closed,event", 0, expected, tmp_path)
+    assert drawn("closed,event", 7).scene in [scenes.load(path).scene for path in stored]
+    rows = {row["name"]: row for row in command.rows("closed,event", 0, 333, expected)}
+    assert rows["campaign.broken.closed_event.ends"]["status"] == "FAIL"
+    assert rows["campaign.broken.closed_event.numbers"]["value"] == 1
     with pytest.raises(KeyboardInterrupt):
         run(333, "ended.json", ends_after=3)
     assert len(Checkpoint(tmp_path / "ended.json", "code").pieces) == 3
-    assert run(333, "ended.json", ends_after=4) == expected
+    assert run(333, "ended.json") == expected
     # A longer or a shorter run counts its own scenes only.
     assert run(75, "ended.json").counts["worlds"] == 75
-
-
-def test_a_scene_that_hangs_is_named_and_the_others_count(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(command, "run_scenes", _piece)
-    monkeypatch.setattr(workers, "run", _workers(hangs=61))
-    total = command.run("closed,event", 0, 120, Checkpoint(tmp_path / "state.json", "code"), 1)
-    assert total.counts["worlds"] == 120
-    assert (61, "ends", "hangs: ended after 1 s") in total.broken
-    rows = {row["name"]: row for row in command.rows("closed,event", 0, 120, total)}
-    assert rows["campaign.broken.closed_event.ends"]["status"] == "FAIL"
-    assert rows["campaign.broken.closed_event.numbers"]["value"] == 1

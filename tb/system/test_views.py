@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -193,42 +193,35 @@ def test_every_interface_and_any_block_in_transistors_reads(
 
 # ---- charge, clock by clock ----------------------------------------------------------------------------------
 
+CLOCKS = 100
 SETTLE = 20
 """Clocks of preset: nothing has to settle before the first row."""
 
 
-@pytest.fixture
-def workers(tmp_path: Path) -> Iterator[Workers]:
-    made = Workers(tmp_path / "ngspice.log")
-    yield made
-    made.close()
-
-
-def charge(
-    decks: dict[tuple[int, ...], Deck], made: Plan, clocks: int, workers: Workers
-) -> NDArray[np.float64]:
-    """Charge that has flown into every integrator, in packets, [clocks, cols]; NaN while a packet flows out.
+def charge(decks: dict[tuple[int, ...], Deck], made: Plan, folder: Path) -> NDArray[np.float64]:
+    """Charge that has flown into every integrator, in packets, [CLOCKS, cols]; NaN while a packet flows out.
 
     What has flown in is what was drawn plus what is on the capacitor, so two
     solutions can be compared to far below a count, and where they decide differently as well.
     """
     cols, t_clk = made.cols, 1.0 / made.timing.f_clk_hz
+    workers = Workers(folder / "ngspice.log")
     half = SplitHalf(
         decks,
         made.rows,
         workers,
         t_edge_s=1e-9,
         t_max_step_s=1e-6,
-        t_stop_s=clocks * t_clk,
+        t_stop_s=CLOCKS * t_clk,
         record=True,
         level=ladder.Level(start=1),
     )
     edges: list[tuple[float, int, float]] = []
     low = np.zeros(cols, dtype=bool)
     flops = Synchronizer(low)
-    drawn, busy = np.zeros((clocks, cols)), np.zeros((clocks, cols), dtype=bool)
+    drawn, busy = np.zeros((CLOCKS, cols)), np.zeros((CLOCKS, cols), dtype=bool)
     total = np.zeros(cols)
-    for clock in range(1, clocks + 1):
+    for clock in range(1, CLOCKS + 1):
         now = clock * t_clk
         comparator = half.advance(now, edges) > 0.0
         busy[clock - 1] = old = flops.charge
@@ -241,7 +234,8 @@ def charge(
             edges.append((now, made.rows, 0.0))
     time, waves = half.waveform()
     half.close()
-    at = np.arange(1, clocks + 1) * t_clk
+    workers.close()
+    at = np.arange(1, CLOCKS + 1) * t_clk
     v_int = np.stack([np.interp(at, time, waves[f"xch{c}.xvfc.v_int"]) for c in range(cols)], axis=1)
     return np.where(busy, np.nan, drawn - v_int / made.converter.packet_v())
 
@@ -266,26 +260,20 @@ def error_lsb(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     return float(worst)
 
 
-CLOCKS = 100
-
 SPLIT_LSB = 0.1
 """Twice what steps leave in either solution, 0.02 LSB, and the virtual grounds' 0.003 (netlist._far_column)."""
 
 
 @pytest.mark.long
 @pytest.mark.timeout(900)  # a minute of an idle core
-def test_columns_apart_are_as_columns_together(
-    tmp_path: Path, workers: Workers, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_columns_apart_are_as_columns_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two columns and a driver in one circuit and in three; and without what both draw from the row the check fails."""
     made = make([[500.0, 1e3]], "sky130", tmp_path)
     parts = netlist.parts(made)
     assert len(parts) == 3
-    whole = charge(decks(made, [None]), made, CLOCKS, workers)
-    workers.close()
-    assert error_lsb(charge(decks(made, parts), made, CLOCKS, workers), whole) <= SPLIT_LSB
-    workers.close()
+    whole = charge(decks(made, [None]), made, tmp_path)
+    assert error_lsb(charge(decks(made, parts), made, tmp_path), whole) <= SPLIT_LSB
     monkeypatch.setattr(
         netlist, "_far_column", lambda plan, network, column: [f"rfar{column} col{column} 0 1e12"]
     )
-    assert error_lsb(charge(decks(made, parts), made, CLOCKS, workers), whole) > SPLIT_LSB
+    assert error_lsb(charge(decks(made, parts), made, tmp_path), whole) > SPLIT_LSB
