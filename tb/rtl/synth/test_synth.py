@@ -250,31 +250,19 @@ def test_the_constraints_hold_the_design_s_clock(monkeypatch: pytest.MonkeyPatch
     assert [row["status"] for row in synth.constraint_rows()] == ["FAIL"]
 
 
-def timing(chip: tuple[list[verdict.Row], Netlist], directory: Path, **other: object) -> Timing:
-    about = {"technology": OSU035, "corner": "typical", "netlist": chip[1].verilog, "directory": directory}
-    return Timing(**about | other)
-
-
 @pytest.mark.long
 @needs_osu035
 @needs_sta
-def test_a_crossing_that_takes_longer_than_a_period_is_seen(
+def test_a_crossing_longer_than_a_period_and_derates_are_seen(
     chip: tuple[list[verdict.Row], Netlist], tmp_path: Path
 ) -> None:
-    found = timing(chip, tmp_path).crossings(synth.sdc_periods() | {"clk": 1.0})
+    plain = Timing(OSU035, "typical", chip[1].verilog, tmp_path)
+    found = plain.crossings(synth.sdc_periods() | {"clk": 1.0})
     assert found["clk"].slack_ns < 0 < found["sck"].slack_ns
     assert found["sck"].start.startswith("u_frame_buffer.")
-
-
-@pytest.mark.long
-@needs_osu035
-@needs_sta
-def test_derates_change_the_slack(chip: tuple[list[verdict.Row], Netlist], tmp_path: Path) -> None:
-    periods = synth.sdc_periods()
-    plain = timing(chip, tmp_path).worst(periods)
-    careful = dataclasses.replace(OSU035, early=0.5, late=2.0)
-    derated = timing(chip, tmp_path, technology=careful).worst(periods)
-    assert all(derated[key].slack_ns < plain[key].slack_ns - 0.1 for key in plain)
+    careful = dataclasses.replace(plain, technology=dataclasses.replace(OSU035, early=0.5, late=2.0))
+    slack, derated = (one.worst(synth.sdc_periods()) for one in (plain, careful))
+    assert all(derated[key].slack_ns < slack[key].slack_ns - 0.1 for key in slack)
 
 
 def test_a_netlist_is_mapped_again_if_its_inputs_or_its_files_change(
