@@ -280,7 +280,7 @@ def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: p
 
 
 def test_a_wrong_device_moves_the_quantity(tmp_path: Path) -> None:
-    """The pair of the conveyor at a tenth of its size lets a column reach its neighbour."""
+    """A device of the conveyor with a tenth of its k lets a column reach its neighbour."""
     shutil.copytree(CIRCUIT, tmp_path / "faulty")
     conveyor = tmp_path / "faulty" / "conveyor.sp"
     text = conveyor.read_text()
