@@ -44,6 +44,11 @@ def frames(unit: str = "codes", more: str = "", file: str = "frames.csv") -> str
     return f'{GRID}kind = "frames"\nfile = "{file}"\nunit = "{unit}"\n{more}'
 
 
+tapping = '[stimulus]\nkind = "tapping"\nshape = "round"\nforce_n = 10.0\n{}'.format
+ramp = '[stimulus]\nkind = "ramp"\n{}'.format
+recorded = '[stimulus]\nkind = "uniform"\nforce_n = [0, 4, 12]\n{}'.format
+
+
 def npy(array: NDArray[np.generic]) -> bytes:
     stream = io.BytesIO()
     np.save(stream, array)
@@ -132,10 +137,6 @@ def test_a_slipping_body_moves_at_its_speed_in_its_direction(write_scene: Write)
     assert (force[:6] == force[0]).all()  # it rests until it starts
 
 
-def tapping(more: str) -> str:
-    return f'[stimulus]\nkind = "tapping"\nshape = "round"\nforce_n = 10.0\n{more}'
-
-
 @pytest.mark.paper
 def test_tapping_is_a_half_sine_in_its_share_of_the_period(write_scene: Write) -> None:
     force = forces(write_scene, tapping("frequency_hz = 25\nduty = 0.4\nduration_s = 0.2\n")).max(axis=(1, 2))
@@ -145,10 +146,6 @@ def test_tapping_is_a_half_sine_in_its_share_of_the_period(write_scene: Write) -
     assert period == pytest.approx(np.tile(period[0], (5, 1)), abs=1e-6)
     assert period[0, :9] == pytest.approx(10 * np.sin(np.pi * np.arange(9) / 8), abs=1e-9)
     assert not period[:, 9:].any()
-
-
-def ramp(more: str) -> str:
-    return f'[stimulus]\nkind = "ramp"\n{more}'
 
 
 @pytest.mark.paper
@@ -221,10 +218,6 @@ def test_a_wrong_stimulus_is_one_line(text: str, key: str, allowed: str, write_s
 
 
 # --- a recording at its own rate
-
-
-def recorded(more: str) -> str:
-    return f'[stimulus]\nkind = "uniform"\nforce_n = [0, 4, 12]\n{more}'
 
 
 @pytest.mark.paper
