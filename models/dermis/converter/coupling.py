@@ -32,6 +32,9 @@ _X_SATURATED = 0.6
 _SETTLED = 1.0
 _REPEATS = 6
 _UNMOVED = 0.01
+# Largest part of a change of duties that may return to them unchecked: repetitions multiply a rounding by its powers,
+# and some hundred times 1e-16 is far below a count.
+_CLOSE = 2.0
 
 # Fields that make the virtual ground of one column see the others.
 COUPLING = frozenset(
@@ -67,11 +70,14 @@ class Coupling:
 
     `across_s` [frames, rows or 1, cols]: conductance that a column's own input sees. `x` [frames,
     rows, cols]: packets a clock from the others, each taken at the mean of its charge over the
-    gate.
+    gate. `known` [frames, rows, 1]: counts in a gate by which the last repetition moved them, or
+    may have, where columns hang so closely together, as by a short, that rounding may move `x` by
+    as much, and so may their order; else 0.
     """
 
     across_s: Floats
     x: Floats
+    known: Floats
 
 
 def couples(plan: Plan) -> bool:
@@ -120,7 +126,7 @@ def coupling(plan: Plan, g: Floats, x: Floats, duty_range: DutyRange | None = No
             f"on together with {', '.join(sorted(names))}",
             f"column coupling that is certain to {_SETTLED:g} LSB (here {doubt:.2g}); use engine cosim",
         )
-    return Coupling(columns.across_s, settled.others)
+    return Coupling(columns.across_s, settled.others, columns.known(settled))
 
 
 class _Settled(NamedTuple):
@@ -160,6 +166,9 @@ class _Columns:
         matrix = seen_from_grounds(network, g)
         own = np.arange(plan.cols)
         self.across_s = matrix[..., own, own].copy()
+        # What a packet a clock more brings back, as long as it sends no packet away.
+        slope = 0.5 * self.clocks * self._per_clock + self._per_swing
+        self._closely = np.abs(matrix * slope).sum(axis=-1).max(axis=2)[..., np.newaxis] > _CLOSE
         # Counts by which what a column loses to its own taxels changes on the duty_range.
         self._drift = np.zeros(1)
         links = np.abs(matrix)
@@ -201,6 +210,11 @@ class _Columns:
             if not moves.any():
                 break
         return _Settled(others, before, left, mean)
+
+    def known(self, settled: _Settled) -> Floats:
+        """`Coupling.known`."""
+        last = self.clocks * np.abs(settled.others - settled.before).max(axis=2, keepdims=True)
+        return np.where(self._closely, np.maximum(last, _UNMOVED), 0.0)
 
     def doubts(self, settled: _Settled, x: Floats, low: Floats, high: Floats) -> Floats:
         """Return the error bound of a column in LSB, [frames, rows, cols], for duties x between
