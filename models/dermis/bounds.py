@@ -71,15 +71,15 @@ class Bound(namedtuple("Bound", "shift rest whole random path climb drawn loose"
     __slots__ = ()
 
 
-# Rows of the table of converters [26, cols] that `columns` makes.
+# Rows of the table of converters [25, cols] that `columns` makes.
 (
-    TOP, PER_A, SQUEEZE, OFFSET, KAPPA, PACKET, LEVEL, BEGIN, MOVE, AWAY, WINDOW, DELAY, LAG, G_IN, CROSS, LEAK,
+    TOP, PER_A, SQUEEZE, OFFSET, KAPPA, PACKET, LEVEL, BEGIN, AWAY, WINDOW, DELAY, LAG, G_IN, CROSS, LEAK,
     LOW, HIGH, PRESET, NOISE, APERTURE, JITTER, THERMAL, SHOT, PRESET_NOISE, FLICKER,
-) = range(26)  # fmt: skip
+) = range(25)  # fmt: skip
 
 
 def columns(c: Converter) -> Floats:
-    """Converters in packets and clocks, [26, cols]; the rows are named above."""
+    """Converters in packets and clocks, [25, cols]; the rows are named above."""
     f, amplitude = c.f_clk_hz, 1.0 / (1.0 + c.inv_gain_dc)
     packet_v = c.packet_v()
     output_v = packet_v * amplitude
@@ -91,7 +91,7 @@ def columns(c: Converter) -> Floats:
         [
             _TOP * full, c.gain / full, c.inv_i_range_a * full / np.maximum(gain, 1e-30), c.i_offset_a / c.i0_a,
             c.q_mirror_c * f / c.i0_a, 1.0 + c.packet_error, c.v_comp_offset_v / output_v,
-            np.minimum(np.maximum(begin, low), high), 1.0 / amplitude, c.v_comp_offset_v / packet_v,
+            np.minimum(np.maximum(begin, low), high), c.v_comp_offset_v / packet_v,
             c.v_hysteresis_v / output_v, c.t_comp_delay_s * f, c.t_gbw_s * f * amplitude, c.g_in_s,
             1.0 / (c.c_int_f * f), c.inv_gain_dc * amplitude, low, high, np.abs(c.preset_error_v) / packet_v,
             c.v_comp_noise_v / output_v, 0.5 * c.t_meta_s * f, c.t_jitter_s * f,
@@ -355,7 +355,7 @@ def _flicker_noise(s, levels):  # type: ignore
 # --- all of them -------------------------------------------------------------------------------------------------
 
 
-class _Sum(namedtuple("_Sum", "shift rest whole error levels squares paths climb drawn noise loose")):
+class _Sum(namedtuple("_Sum", "shift rest whole error levels squares paths climb drawn loose")):
     """Sums over the effects so far: those of Bound, all errors and those that move levels, squares,
     and `quiet`'s.
     """
@@ -364,9 +364,8 @@ class _Sum(namedtuple("_Sum", "shift rest whole error levels squares paths climb
 
 
 @_compiled
-def _add(sums, tally, left, number, factor, moves, noise, b):  # type: ignore
-    """Add the bound of an effect; `moves` if it moves levels and not the charge that comes, `noise` if
-    it is random.
+def _add(sums, tally, left, number, factor, moves, b):  # type: ignore
+    """Add the bound of an effect; `moves` if it moves levels and not the charge that comes.
 
     `tally` keeps its largest shift and error, `left` what is left of it in a quiet cell and in any
     other one once the random numbers are drawn; either may be None. Without branches, or it takes
@@ -390,7 +389,6 @@ def _add(sums, tally, left, number, factor, moves, noise, b):  # type: ignore
         sums.paths + path * path,
         sums.climb + factor * b.climb,
         sums.drawn + (factor * b.drawn) ** 2,
-        sums.noise + (whole if noise else 0.0),
         sums.loose + factor * b.loose,
     )
 
@@ -398,39 +396,37 @@ def _add(sums, tally, left, number, factor, moves, noise, b):  # type: ignore
 @_compiled
 def total(s, on, levels, tally, left):  # type: ignore
     """Sum of the bounds that are on; the last three take what the others add up to."""
-    a = _Sum(0.0, 0.0, 0.0, 0.0, levels, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    a = _Sum(0.0, 0.0, 0.0, 0.0, levels, 0.0, 0.0, 0.0, 0.0, 0.0)
     if on[0] > 0.0:
-        a = _add(
-            a, tally, left, 0, on[0], False, False, Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
-        )
+        a = _add(a, tally, left, 0, on[0], False, Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0))
     if on[1] > 0.0:
-        a = _add(a, tally, left, 1, on[1], False, False, _supply_ripple(s))
+        a = _add(a, tally, left, 1, on[1], False, _supply_ripple(s))
     if on[2] > 0.0:
-        a = _add(a, tally, left, 2, on[2], False, False, _motion(s))
+        a = _add(a, tally, left, 2, on[2], False, _motion(s))
     if on[3] > 0.0:
-        a = _add(a, tally, left, 3, on[3], False, False, _mirror_lag(s))
+        a = _add(a, tally, left, 3, on[3], False, _mirror_lag(s))
     if on[4] > 0.0:
-        a = _add(a, tally, left, 4, on[4], True, False, _comparator_hysteresis(s))
+        a = _add(a, tally, left, 4, on[4], True, _comparator_hysteresis(s))
     if on[5] > 0.0:
-        a = _add(a, tally, left, 5, on[5], True, False, _comparator_delay(s))
+        a = _add(a, tally, left, 5, on[5], True, _comparator_delay(s))
     if on[9] > 0.0:
-        a = _add(a, tally, left, 9, on[9], True, True, _thermal_noise(s))
+        a = _add(a, tally, left, 9, on[9], True, _thermal_noise(s))
     if on[10] > 0.0:
-        a = _add(a, tally, left, 10, on[10], True, True, _shot_noise(s))
+        a = _add(a, tally, left, 10, on[10], True, _shot_noise(s))
     if on[11] > 0.0:
-        a = _add(a, tally, left, 11, on[11], True, True, _clock_jitter(s))
+        a = _add(a, tally, left, 11, on[11], True, _clock_jitter(s))
     if on[12] > 0.0:
-        a = _add(a, tally, left, 12, on[12], True, True, _comparator_noise(s))
+        a = _add(a, tally, left, 12, on[12], True, _comparator_noise(s))
     if on[13] > 0.0:
-        a = _add(a, tally, left, 13, on[13], True, True, _metastability(s))
+        a = _add(a, tally, left, 13, on[13], True, _metastability(s))
     if on[14] > 0.0:
-        a = _add(a, tally, left, 14, on[14], True, True, _ktc_noise(s))
+        a = _add(a, tally, left, 14, on[14], True, _ktc_noise(s))
     if on[15] > 0.0:
-        a = _add(a, tally, left, 15, on[15], False, True, _flicker_noise(s, a.levels))
+        a = _add(a, tally, left, 15, on[15], False, _flicker_noise(s, a.levels))
     if on[6] > 0.0:
-        a = _add(a, tally, left, 6, on[6], True, False, _integrator_bandwidth(s, a.levels, a.error))
+        a = _add(a, tally, left, 6, on[6], True, _integrator_bandwidth(s, a.levels, a.error))
     if on[7] > 0.0:
-        a = _add(a, tally, left, 7, on[7], False, False, _integrator_gain(s, a.levels, a.error))
+        a = _add(a, tally, left, 7, on[7], False, _integrator_gain(s, a.levels, a.error))
     if on[8] > 0.0:
-        a = _add(a, tally, left, 8, on[8], True, False, _integrator_range(s, a.levels, a.error, on[8]))
+        a = _add(a, tally, left, 8, on[8], True, _integrator_range(s, a.levels, a.error, on[8]))
     return a

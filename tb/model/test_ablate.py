@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dermis import auto, effects, plan
+from dermis import effects, plan
 from dermis.converter import vfc
 from dermis.errors import InputError
 from dermis.report import ablate
@@ -103,7 +103,7 @@ def test_auto_is_ablated_with_all_that_it_may_choose_from(tmp_path: Path, off: s
     assert plan.make(world).filtered
     full, costs = ablate.measure(world, pairs=1)
     names = {cost.name for cost in costs} - {ablate.EVERYTHING}
-    assert names == set(auto.with_auto(world).effects)
+    assert names == set(scene.with_auto(world).effects)
     assert "trace" not in names
     assert {e.name for e in full.effects if e.on} == names
     assert full.engine == "event"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dermis import auto, bounds, engines, records
+from dermis import bounds, engines, records
 from dermis import plan as planning
 from dermis.effects import EFFECTS
 from dermis.errors import InputError
@@ -43,7 +43,7 @@ def test_candidates_are_what_has_defaults_and_what_is_named(topology: str) -> No
     assert {"motion", *(n for n in EFFECTS if n.startswith("sensor_"))} <= special
     missing = {"column_input"} if topology == "direct" else set()  # the direct interface has no conveyor
     assert set(world.effects) == there - special - missing
-    assert set(auto.with_auto(made({}, interface=interface).scene).effects) == set(world.effects)
+    assert set(scene.with_auto(made({}, interface=interface).scene).effects) == set(world.effects)
     named = made({"auto": {}, "motion": {}, "trace": False}, interface=interface).scene
     assert set(named.effects) == set(world.effects) - {"trace"} | {"motion"}
 
@@ -133,7 +133,7 @@ def test_without_bounds_wrong_codes_are_counted(monkeypatch: pytest.MonkeyPatch)
     "name", ["quarter_code_fingertip", "nonideal_channel", "two_fingers", "slipping_cylinder"]
 )
 def test_stored_scenes_have_the_codes_of_everything_on(name: str) -> None:
-    world = auto.with_auto(scene.load(scene.find(name)))
+    world = scene.with_auto(scene.load(scene.find(name)))
     assert auto_check.compare(world, name).wrong == 0
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import click
 import numpy as np
 
-from dermis import auto, effects, engines, records
+from dermis import effects, engines, records
 from dermis import plan as planning
 from dermis.converter import course
 from dermis.engines import event, masking
@@ -115,7 +115,7 @@ def campaign(count: int, seed: int, frames: int, stored: bool = False) -> tuple[
             take(random_scene(seed, number, frames).read(Path(directory)), f"random {number}")
             on_done(number + 1)
     for path in sorted(SCENES.glob("*.toml")) if stored else ():
-        take(auto.with_auto(scene.load(path)), path.stem)
+        take(scene.with_auto(scene.load(path)), path.stem)
     return outcomes, refused
 
 

@@ -6,16 +6,12 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import os
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
 import seeded_faults
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from dermis.converter import vfc
 from dermis.errors import InputError
 from dermis.report import verdict
 from scripts import workers
@@ -149,20 +145,6 @@ def test_what_the_consumer_leaves_early_is_ended() -> None:
 
 
 # ---- the exact references -----------------------------------------------------------------------------------
-
-
-@settings(max_examples=150, deadline=None)
-@given(
-    x=st.fractions(-1, 2, max_denominator=999),
-    clocks=st.integers(1, 80),
-    w0=st.fractions(-1, 1, max_denominator=99),
-    packet=st.fractions(Fraction(1, 9), 2, max_denominator=99),
-    level=st.fractions(-1, 1, max_denominator=99),
-)
-def test_the_integer_count_is_the_walk_in_rationals(
-    x: Fraction, clocks: int, w0: Fraction, packet: Fraction, level: Fraction
-) -> None:
-    assert exact.count(x, clocks, w0, packet, level) == vfc.count_exact(x, clocks, w0, packet, level)
 
 
 def test_a_margin_opens_the_interval_only_beside_a_level() -> None:

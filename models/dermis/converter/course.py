@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dermis.array.array import Network, column_currents_by_source
 from dermis.converter import injection, ripple
 from dermis.converter.coupling import Coupling, DutyRange, couples, coupling
-from dermis.converter.gate_currents import GateCurrents
+from dermis.converter.ripple import GateCurrents
 from dermis.converter.vfc import X_INFINITE, Y_MIN
 from dermis.errors import InputError, SimulatorError
 from dermis.records import Drive, Plan

@@ -250,7 +250,7 @@ def decide_cells(  # type: ignore
     gate : Gate
     on : [bounds.COUNT]
         Factor on each bound; 0 is off.
-    table : [26, cols]
+    table : [25, cols]
         bounds.columns.
     g_column, idle : [frames, cols]
         Conductance on each column; most of a settled mirror while no row is driven.

@@ -1,21 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effect of a ripple within a clock, beyond its mean: a bound, since engine event uses means
+"""Currents of a gate, and what their ripple does within a clock beyond its mean: a bound, since engine event uses means
 (converter.course).
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.converter.gate_currents import GateCurrents
 from dermis.converter.vfc import X_INFINITE
 from dermis.errors import InputError
 from dermis.records import Plan
 
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class GateCurrents:
+    """Column currents of some frames at the beginning and at the end of every gate, [frames, rows,
+    cols] each.
+
+    `follows` goes with the bias, `rest` does not. The bends are what both are in the middle of the
+    gate beyond the mean of its ends, None where everything goes straight.
+    """
+
+    follows_begin: Floats
+    follows_end: Floats
+    rest_begin: Floats
+    rest_end: Floats
+    follows_bend: Floats | None = None
+    rest_bend: Floats | None = None
+
 
 # Counts by which a course within a clock may move a code beyond what its mean does.
 _BENT = 1.0

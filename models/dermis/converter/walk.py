@@ -22,7 +22,7 @@ from dermis.array.array import column_currents
 from dermis.converter import course, noise, walk_loops
 from dermis.converter.coupling import G_ACROSS_S, Coupling, coupling
 from dermis.converter.course import Slots
-from dermis.converter.gate_currents import GateCurrents
+from dermis.converter.ripple import GateCurrents
 from dermis.converter.vfc import W_PRESET, Converter
 from dermis.errors import SimulatorError
 from dermis.fields import FAMILIES

@@ -21,7 +21,7 @@ from dermis import bounds
 from dermis.bounds import Bounding
 from dermis.converter import course, injection, noise, walk
 from dermis.converter.coupling import G_ACROSS_S, couples
-from dermis.converter.gate_currents import GateCurrents
+from dermis.converter.ripple import GateCurrents
 from dermis.effects import EFFECTS
 from dermis.engines import Result, code_type, event
 from dermis.records import Plan

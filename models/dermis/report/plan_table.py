@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from dermis import auto, engines, records
+from dermis import engines, records
 from dermis import plan as planning
 from dermis.converter import injection
 from dermis.engines import event, masking
@@ -119,7 +119,7 @@ def plan_command(scene: str, engine: str | None, chosen: bool) -> int:
     """Show the effects of a scene and the verdicts of the filter for a sample, without a run."""
     world = scenes.load(scenes.find(scene))
     if chosen and world.table.effects.auto is None:
-        world = auto.with_auto(world)
+        world = scenes.with_auto(world)
     made = planning.make(world, engine)
     engines.check(made)
     print_plan(made)

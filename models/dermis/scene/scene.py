@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
 
-from dermis.effects import EFFECTS, EffectsTable, Setting, check_together, resolve_effects
+from dermis.effects import EFFECTS, AutoTable, EffectsTable, Setting, check_together, resolve_effects
 from dermis.errors import InputError
 from dermis.places import ROOT
 from dermis.scene import extracted
@@ -343,3 +343,8 @@ def _default(field: Any, extra: dict[str, Any]) -> str:
     if field.default is None:
         return "off" if bool in typing.get_args(field.annotation) else "left out"
     return f'"{field.default}"' if isinstance(field.default, str) else str(field.default)
+
+
+def with_auto(world: Scene) -> Scene:
+    """Return the same scene as if it said [effects] auto = {}."""
+    return with_effects(world, world.table.effects.model_copy(update={"auto": AutoTable()}), None)
