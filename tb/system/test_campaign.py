@@ -22,8 +22,6 @@ from tb.reference import scenes
 from tb.reference.scenes import World
 
 FOUND = sorted(command.FOUND.glob("*.toml"))
-# Defects that are not cured yet (docs/verification.md); a cured case moves to FOUND.
-OPEN = sorted((command.FOUND.parent / "open").glob("*.toml"))
 UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
 
 
@@ -67,15 +65,6 @@ def test_found_case_stays_cured(path: Path) -> None:
         assert case.refused in outcome.refused
     else:
         assert not outcome.refused
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("path", OPEN, ids=lambda path: path.stem)
-def test_an_open_case_is_still_open(path: Path) -> None:
-    case = scenes.load(path)
-    assert laws.judge(case, case.engines, 0, list(laws.ENGINES[case.engines])).broken, (
-        "cured: move it to found/"
-    )
 
 
 def drawn(engines: str, number: int, seed: int = 0) -> World:
