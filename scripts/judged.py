@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every command that judges does: find its tools, and end with a verdict table."""
+"""Parts of every command that judges: its tools, and the verdict table at its end."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ Values = Callable[[Found], dict[str, float]]
 
 @dataclass(frozen=True)
 class Condition:
-    """Where a bench is measured."""
+    """Condition at which a bench is measured."""
 
     corner: str = "tt"  # one of sky130.CORNERS or PASSIVE_CORNERS
     celsius: float = 27.0

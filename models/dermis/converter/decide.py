@@ -47,10 +47,10 @@ class Gate(
     __slots__ = ()
 
 
-class Solved(namedtuple("Solved", "x low passed begin end shift error open codes blame")):
+class Solved(namedtuple("Solved", "x passed begin end shift error open codes blame")):
     """Results of `decide_cells`, [frames, rows, cols] each.
 
-    `x` mean duty, `low` the least in any clock. Of slow mirrors: `passed` [2, ...] packets that pass at least from the
+    `x` mean duty. Of slow mirrors: `passed` [2, ...] packets that pass at least from the
     start of a slot to its gate, and in the whole slot; `begin` the highest output where the gate begins; `end`
     [3, ...] the output after each gate: as solved, the lowest and the highest possible.
     `shift` and `error` of the level at the last decision in packets, before any noise is drawn. `blame` is the
@@ -103,7 +103,7 @@ def _parabola(begin, end, bend, t):  # type: ignore
 
 
 @_compiled
-def _course(gate, ahead, per_a, squeeze, driven, later, bend, other, other_later, other_bend):  # type: ignore
+def _slot_input(gate, ahead, per_a, squeeze, driven, later, bend, other, other_later, other_bend):  # type: ignore
     """SlotInput of a slot that begins `ahead` gates before its gate, from column currents in ampere.
 
     `driven` follows the bias, `other` does not. Motion runs straight on before the gate.
@@ -191,7 +191,7 @@ def _slot(table, c, key):  # type: ignore
 
 @_compiled
 def _sigma(table, g_column, mean, c):  # type: ignore
-    """Deviation a clock of the Brownian path at a mean charge a clock, as engine walk.noise_rows has it."""
+    """Deviation a clock of the Brownian path at a mean charge a clock, as walk.noise_rows has it."""
     most = min(abs(mean), _X_NOISE_MAX)
     rate = min(most, 0.5)
     variance = table[of.THERMAL, c] * g_column + table[of.SHOT, c] * (most + rate)
@@ -289,7 +289,7 @@ def decide_cells(  # type: ignore
                     other_later = min(max(rest_end[f, r, c], -top), top)
                     bend = min(max(follows_bend[f, r, c], -top), top)
                     other_bend = min(max(rest_bend[f, r, c], -top), top)
-                inputs = _course(
+                inputs = _slot_input(
                     gate, ahead, table[of.PER_A, c], table[of.SQUEEZE, c], driven, later, bend, other, other_later,
                     other_bend,
                 )  # fmt: skip
@@ -393,8 +393,7 @@ def decide_cells(  # type: ignore
                 if sample and happened > ROUNDING:
                     ratios[sampled] = bound / happened
                     sampled += 1
-                out.x[f, r, c], out.low[f, r, c] = x, low
-                out.shift[f, r, c], out.error[f, r, c] = shift, error
+                out.x[f, r, c], out.shift[f, r, c], out.error[f, r, c] = x, shift, error
                 out.open[f, r, c], out.codes[f, r, c] = open_, code
                 if open_:
                     out.blame[f, r, c] = _worst(s, on, calm)

@@ -47,9 +47,8 @@ def counts(plan: Any) -> dict[str, Floats]:
     output moves by no more than a packet a clock.
 
     `q_mirror_c`: a row that is driven pushes C V through a taxel into a slow mirror, and lines hold back the charge of
-    a time constant until they have settled. None of y' = y (x - y) / q
-    brings more than came, nor more than waking it up, q ln(y / y_min) with y = q / (e settle), and
-    q ln(1 + gate / settle) from however far above.
+    a time constant until they have settled. The mirror, y' = y (x - y) / q, adds at most what came; and at most what
+    waking it up takes, q ln(y / y_min) with y = q / (e settle), plus q ln(1 + gate / settle) from however far above.
 
     Where a range bites, each further packet may lose as much again as the first was off. Lines are
     taken without resistance, where all but the last is largest.

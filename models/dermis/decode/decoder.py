@@ -64,7 +64,7 @@ _KNOWN = (
 
 
 class _Known(namedtuple("_Known", _KNOWN)):
-    """What a calibration says, in the units of `Calibration`, for the compiled loops."""
+    """Values of a calibration as the compiled loops take them, in the units of `Calibration`."""
 
     __slots__ = ()
 

@@ -19,11 +19,11 @@ from dermis.effects.effect import Contribution, Effect, PerColumn, Setting
 from dermis.errors import InputError
 from dermis.scene.schema import Strict, entry
 
-FAMILIES = {
-    family.__name__.rpartition(".")[2]: family.EFFECTS
+EFFECTS: dict[str, Effect] = {
+    effect.name: effect
     for family in (array, lines, mirror, integrator, comparator, packet, noise, motion, sheet)
+    for effect in family.EFFECTS
 }
-EFFECTS: dict[str, Effect] = {e.name: e for family in FAMILIES.values() for e in family}
 
 
 class AutoTable(Strict):

@@ -103,7 +103,7 @@ def column(
 positive = functools.partial(number, gt=0)
 not_negative = functools.partial(number, ge=0)
 small = functools.partial(number, allowed="a finite number 0..0.1", ge=0, le=0.1)
-"""Of a factor 1 + sigma n: six sigma below one must leave something."""
+"""Standard deviation of a factor 1 + sigma n, which stays positive at six sigma."""
 share = functools.partial(number, allowed="a finite number from 0 to below 1", ge=0, lt=1)
 celsius = functools.partial(number, allowed="a finite number above -273.15", gt=-273.15)
 

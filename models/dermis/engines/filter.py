@@ -204,11 +204,11 @@ class _Part:
         if i.follows_bend is None:
             bend = (np.zeros(shape),) * 2 if drive.motion else (i.follows_begin, i.rest_begin)
         solved = [i.follows_begin, i.rest_begin, i.follows_end, i.rest_end, *bend]
-        values = np.empty((4, *shape))
+        values = np.empty((3, *shape))
         open_, whole = np.empty(shape, dtype=bool), np.empty((2, *shape), dtype=np.int64)
         mirrors = np.empty((6, *shape) if self.slow_mirror else (6, 1, 1, 1))
         self.s = self.loops.Solved(
-            *values[:2], mirrors[:2], mirrors[2], mirrors[3:], *values[2:], open_, *whole
+            values[0], mirrors[:2], mirrors[2], mirrors[3:], *values[1:], open_, *whole
         )
         ratios = np.empty(self.g.size // self.loops.EACH + 1)
         sampled, self.drawn = self.loops.decide_cells(
