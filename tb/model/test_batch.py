@@ -130,6 +130,16 @@ def test_a_worker_that_stands_still_is_ended(make_plan, monkeypatch: pytest.Monk
         batch.run(make_plan(), processes=2)
 
 
+def test_a_process_that_becomes_another_program_is_seen() -> None:
+    """During execve a process has no environment; one that does nothing else was missed in one look of ten."""
+    again = 'exec sh -c "$0" "$0"'
+    child = children.Child(["sh", "-c", again, again])
+    try:
+        assert all(child.processes() for _ in range(200))
+    finally:
+        child.end()
+
+
 def test_what_cannot_be_sent_back_is_an_error_and_not_the_end_of_a_worker() -> None:
     with pool.workers(1, {}) as executor:
         with pytest.raises(RuntimeError, match="local object"):

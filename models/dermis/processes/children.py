@@ -115,11 +115,11 @@ class Child(subprocess.Popen[bytes]):
         def others() -> set[watchdog.Process]:
             found = set()
             for process in self.processes():
-                with contextlib.suppress(OSError):  # gone meanwhile
-                    line = Path(f"/proc/{process[0]}/cmdline").read_bytes().replace(b"\0", b" ")
-                    if process[0] != self.pid and watchdog.__file__.encode() not in line:
-                        commands.setdefault(process[0], one_line(line.decode(errors="replace"), 60))
-                        found.add(process)
+                line = watchdog.read(process[0], "cmdline").replace(b"\0", b" ")
+                if process[0] != self.pid and watchdog.__file__.encode() not in line:
+                    said = one_line(line.decode(errors="replace"), 60)
+                    commands[process[0]] = commands.get(process[0]) or said  # none during execve
+                    found.add(process)
             return found
 
         watchdog.end(others)

@@ -23,23 +23,52 @@ VARIABLE = "DERMIS_MARK"
 END_LIMIT_S = 10.0
 """Longest wait for killed processes, which the kernel may hold in a system call."""
 
+EXEC_LIMIT_S = 0.2
+"""Longest wait for a process that is becoming another program."""
+
+NO_PROGRAM = 0x200004
+"""Flags of a kernel thread and of an exiting process (PF_KTHREAD, PF_EXITING in the kernel's sched.h)."""
+
 Process = tuple[int, int]
 """Process id and the time it was started at, in ticks since boot: ids are used again."""
 
 
+def read(pid: int | str, name: str) -> bytes:
+    """Return a file of /proc/PID; nothing for a process that is gone, or for another user's."""
+    try:
+        with open(f"/proc/{pid}/{name}", "rb") as file:
+            return file.read()
+    except OSError:
+        return b""
+
+
 def status(pid: int) -> list[bytes]:
     """Return the fields of /proc/PID/stat from the state on; none for a process that is gone."""
-    try:
-        with open(f"/proc/{pid}/stat", "rb") as file:
-            return file.read().rpartition(b")")[2].split()
-    except OSError:
-        return []
+    return read(pid, "stat").rpartition(b")")[2].split()
 
 
 def identity(pid: int) -> Process | None:
     """Return a live process by its id, None if it has ended."""
     fields = status(pid)
     return None if not fields or fields[0] in (b"Z", b"X") else (pid, int(fields[19]))
+
+
+def _environment(pid: str) -> bytes:
+    """Return the environment of a process; each entry has a zero before it.
+
+    During execve a process has neither environment nor arguments: it is looked at again.
+    """
+    last = time.monotonic() + EXEC_LIMIT_S
+    while True:
+        found = read(pid, "environ")
+        if found or time.monotonic() > last:
+            return b"\0" + found
+        if read(pid, "cmdline"):
+            return b"\0" + read(pid, "environ")
+        fields = status(int(pid))
+        if not fields or int(fields[6]) & NO_PROGRAM:
+            return b""
+        time.sleep(0.0005)
 
 
 def marked(mark: str) -> set[Process]:
@@ -50,11 +79,7 @@ def marked(mark: str) -> set[Process]:
         if not name.isdigit() or int(name) == os.getpid():
             continue
         process = identity(int(name))
-        try:
-            with open(f"/proc/{name}/environ", "rb") as file:
-                environment = b"\0" + file.read()
-        except OSError:  # gone meanwhile, or somebody else's
-            continue
+        environment = _environment(name)
         place = environment.find(entry)
         if process and place >= 0 and environment[place + len(entry) :][:1] in (b"/", b"\0", b""):
             found.add(process)
@@ -69,7 +94,6 @@ def end(find: Callable[[], set[Process]]) -> None:
         stopped |= new
         _send(new, signal.SIGSTOP)
     last = time.monotonic() + END_LIMIT_S
-    # One that was becoming another program has no environment for an instant: looked for again.
     while stopped and (found := find()) and time.monotonic() < last:
         _send(found, signal.SIGKILL)
         time.sleep(0.002)
