@@ -13,6 +13,7 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -250,7 +251,7 @@ def charges_of(
     omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
     settle, gate, pause = timing.settle_clocks, timing.gate_clocks, timing.break_clocks
     bends = gate_currents.follows_bend is not None
-    basis, begin = _basis(pause, settle, gate, omega, bool(drive.ripple), drive.motion, bends)
+    basis = _basis(pause, settle, gate, omega, bool(drive.ripple), drive.motion, bends)
     lag = None
     if converter.q_mirror_c.any():
         lag = np.maximum(converter.q_mirror_c / (converter.i0_a / timing.f_clk_hz), 1e-15)
@@ -287,9 +288,8 @@ def charges_of(
                 out = np.empty(out.shape)
             for k in range(0 if from_start else 1, r.shape[0]):
                 charge = charges(
-                    k, at, basis, begin, settle, terms,
-                    None if squeeze is None else squeeze[c], None if lag is None else lag[c],
-                    slow, pause, resting, offsets, most[c], out, mean,
+                    k, at, basis, terms, None if squeeze is None else squeeze[c], None if lag is None else lag[c],
+                    slow, resting, offsets, most[c], out, mean,
                 )  # fmt: skip
             block = slice(begins + at, begins + at + out.shape[1])
             yield block, charge, mean[at : at + out.shape[1]]
@@ -325,8 +325,7 @@ class Slots:
 
     Attributes
     ----------
-    basis, begin : ndarray
-        Functions of time: mean over every clock of a slot [clocks, terms], value where its row is driven [terms].
+    basis : Basis
     terms : ndarray
         Their coefficients in packets a clock, [rows, terms, frames * cols], in front of compression, slow mirror
         and offset current.
@@ -348,17 +347,10 @@ class Slots:
         self.frames, self.rows, self.cols = gate_currents.follows_begin.shape
         self.coupling: Coupling | None = None
         cells = self.frames * self.cols
-        self._break, self._settle, self._gate = (
-            timing.break_clocks,
-            timing.settle_clocks,
-            timing.gate_clocks,
-        )
-
         omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
         bends = gate_currents.follows_bend is not None
-        self.basis, self.begin = _basis(
-            self._break, self._settle, self._gate, omega, bool(drive.ripple), drive.motion, bends
-        )
+        pause, settle, gate = timing.break_clocks, timing.settle_clocks, timing.gate_clocks
+        self.basis = _basis(pause, settle, gate, omega, bool(drive.ripple), drive.motion, bends)
         phase = phases(plan, part) if drive.ripple else np.zeros((self.frames, self.rows))
         sine, cosine = drive.ripple * np.sin(phase)[:, :, None], drive.ripple * np.cos(phase)[:, :, None]
 
@@ -398,7 +390,7 @@ class Slots:
 
     def _duty_range(self, g_behind: Floats | None) -> tuple[Floats, DutyRange]:
         """Return the mean duties over the gate, [frames, rows, cols], and their range, before compression."""
-        gate = self.basis[self._settle : self._settle + self._gate]
+        gate = self.basis.mean[self.basis.settle :]
         ends = [self.terms * pick(gate, axis=0)[:, np.newaxis] for pick in (np.min, np.max)]
         means = self.terms * gate.mean(axis=0)[:, np.newaxis]
 
@@ -416,7 +408,7 @@ class Slots:
     def blocks(self, size: int) -> Iterator[tuple[int, slice, Floats, Floats]]:
         """(row, its cells, charge [clocks, cells], mean) in the order of time; the array is used again."""
         cells = self.frames * self.cols
-        scratch = np.empty((self._settle + self._gate, min(size, cells)))
+        scratch = np.empty((len(self.basis.mean), min(size, cells)))
         mean = np.empty(cells)
         for row in range(self.rows):
             for first in range(0, cells, size):
@@ -425,8 +417,8 @@ class Slots:
                 if out.shape[1] != scratch.shape[1]:
                     out = np.empty(out.shape)
                 charge = charges(
-                    row, block.start, self.basis, self.begin, self._settle, self.terms, self._squeeze,
-                    self._lag, self._slow, self._break, self.idle, self.offset, self._most, out, mean,
+                    row, block.start, self.basis, self.terms, self._squeeze, self._lag, self._slow, self.idle,
+                    self.offset, self._most, out, mean,
                 )  # fmt: skip
                 # `charges` divides by currents and clips: a clip keeps NaN, so the mean shows every NaN.
                 if not np.isfinite(mean[block]).all():
@@ -435,12 +427,22 @@ class Slots:
             self.mean[:, row] = mean.reshape(self.frames, self.cols)
 
 
+class Basis(NamedTuple):
+    """Functions of time: `mean` over every clock of a slot [clocks, terms], value where its row is driven (`begin`
+    [terms]), `pause` clocks into the slot; the gate begins at `settle`.
+    """
+
+    mean: Floats
+    begin: Floats
+    pause: int
+    settle: int
+
+
 @functools.lru_cache(maxsize=8)
 def _basis(
     pause: int, settle: int, gate: int, omega: float, ripple: bool, motion: bool, bends: bool
-) -> tuple[Floats, Floats]:
-    """Mean of every function of time over each clock of a slot, [settle + gate, terms], and its value where a pause of
-    some clocks ends.
+) -> Basis:
+    """Return the functions of time of a slot.
 
     1, cos, sin, t, t cos, t sin, b, b cos, b sin, as far as they are on, b = t (1 - t); omega in radian a
     clock, t runs from 0 to 1 over the gate.
@@ -472,13 +474,17 @@ def _basis(
                 (middle_bend - own) * sine * mean + tilted * cosine * tilt,
             ]
             begin += [bend_begin * cosine_begin, bend_begin * sine_begin]
-    found = np.stack(terms, axis=1), np.array(begin)
-    for values in found:
+    found = Basis(np.stack(terms, axis=1), np.array(begin), pause, settle)
+    for values in found[:2]:
         values.flags.writeable = False
     return found
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+# A loop over cells with a call in it becomes no vector instructions.
+_formula = numba.njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+
+
+@_formula
 def _exp_of_minus(t):  # type: ignore
     """exp(-t) for t >= 0 to some 1e-13 relative, 0 beyond 64: a polynomial and ten squarings make vector code."""
     u = (t if t < 64.0 else 64.0) * (-1.0 / 1024.0)
@@ -498,7 +504,7 @@ def _exp_of_minus(t):  # type: ignore
     return p
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@_formula
 def approach(x, y, t):  # type: ignore
     """y + (x - y) exp(-t) for x, y and t >= 0, every digit of it where y is far below x and where x is far below y."""
     u = t if t < _NEAR else _NEAR
@@ -516,42 +522,127 @@ def approach(x, y, t):  # type: ignore
     return y * lost + x * kept
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@_formula
 def log_of(s):  # type: ignore
     """ln((1 + s) / (1 - s)) for s within FAR: the next term is below 1e-19."""
     s2 = s * s
     return 2.0 * s * (1 + s2 * (1 / 3 + s2 * (1 / 5 + s2 * (1 / 7 + s2 * (1 / 9 + s2 * (1 / 11))))))
 
 
+# Places of the working array of `charges`, WIDEST cells each: input of the clock, what is added, the sum over the gate,
+# most; compression; of slow mirrors the output, time constant and its inverse, and of a clock in the gate the
+# difference over the sum of input and the mean output of 1 / u, these two themselves.
+(ROW, ADDED, SUM, LIMIT, HARD, OUTPUT, INERT, SWIFT, RATIO, ASKED, MET, PLACES) = range(
+    0, 12 * WIDEST, WIDEST
+)
+
+# A part of `charges`; numba puts it in before it looks at types, so that what is None falls away there as well.
+_part = numba.njit(inline="always", error_model="numpy")
+
+
+@_part
+def _compressed(x, own, c, squeeze):  # type: ignore
+    if squeeze is not None:
+        x = x / (1.0 + abs(x) * own[HARD + c])
+    return x
+
+
+@_part
+def _asked(x, own, c):  # type: ignore
+    """Input of a slow mirror: not below its leakage, nor above what drowns any packet."""
+    limit = own[LIMIT + c]
+    x = Y_MIN if x < Y_MIN else x
+    x = limit if x > limit else x
+    return x
+
+
+@_part
+def _follow(x, own, c):  # type: ignore
+    """Let the output of a slow mirror follow input x for a clock."""
+    x = _asked(x, own, c)
+    y = own[OUTPUT + c]
+    own[OUTPUT + c] = x * y / approach(x, y, x * own[SWIFT + c])
+
+
+@_part
+def _begin_mirrors(own, cells, row, first, basis, factors, squeeze, lag, slow, idle):  # type: ignore
+    """Load slow mirrors: settled where a frame begins, else as the row before left them, with the pause behind it."""
+    times, begin = basis.mean, basis.begin
+    for c in range(cells):
+        own[INERT + c], own[SWIFT + c], own[OUTPUT + c] = (
+            lag[first + c],
+            1.0 / lag[first + c],
+            slow[first + c],
+        )
+        if row == 0:
+            x = 0.0
+            for k in range(begin.size):
+                x += begin[k] * factors[k, c]
+            own[OUTPUT + c] = _asked(_compressed(x, own, c, squeeze), own, c)
+    if row > 0:
+        for n in range(basis.pause):
+            for c in range(cells):
+                x = 0.0
+                if idle is not None:
+                    for k in range(begin.size):
+                        x += times[n, k] * idle[row, k, first + c]
+                _follow(_compressed(x, own, c, squeeze), own, c)
+
+
+@_part
+def _input(own, cells, weights, factors, squeeze):  # type: ignore
+    """Sum the functions of time of a clock, and compress."""
+    factor, of = weights[0], factors[0]
+    for c in range(cells):
+        own[ROW + c] = factor * of[c]
+    for k in range(1, weights.size):
+        factor, of = weights[k], factors[k]
+        for c in range(cells):
+            own[ROW + c] += factor * of[c]
+    if squeeze is not None:
+        for c in range(cells):
+            own[ROW + c] = _compressed(own[ROW + c], own, c, squeeze)
+
+
+@_part
+def _through_mirrors(own, cells):  # type: ignore
+    """Replace the input of a clock in the gate by the charge that slow mirrors pass on.
+
+    dy/dn = y (x - y) / lag: 1/y is an exponential, and the charge is the integral of x less lag times the growth of
+    ln y, which is ln(x / below).
+    """
+    far = 0.0
+    for c in range(cells):
+        x, y = _asked(own[ROW + c], own, c), own[OUTPUT + c]
+        below = approach(x, y, x * own[SWIFT + c])
+        both = 1.0 / (below * (x + below))
+        own[OUTPUT + c] = x * y * (x + below) * both
+        apart = (below - x) * below * both
+        own[ROW + c] = x + own[INERT + c] * log_of(apart)
+        own[RATIO + c], own[ASKED + c], own[MET + c] = apart, x, below
+    for c in range(cells):
+        far = far if abs(own[RATIO + c]) < FAR else 1.0
+    if far > 0.0:
+        for c in range(cells):
+            if abs(own[RATIO + c]) >= FAR:
+                # Of the two themselves: far apart their difference over their sum has no digit beside 1.
+                own[ROW + c] = own[ASKED + c] + own[INERT + c] * math.log(own[MET + c] / own[ASKED + c])
+
+
 # A product may go into its sum unrounded: the terms of the exponential and of the logarithm are half the time.
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def charges(  # type: ignore
-    row_number,
-    first,
-    basis,
-    begin,
-    settle,
-    terms,
-    squeeze,
-    lag,
-    slow,
-    pause,
-    idle,
-    offset,
-    most,
-    out,
-    mean,
+    row, first, basis, terms, squeeze, lag, slow, idle, offset, most, out, mean
 ):
     """Charge a clock of the cells first .. first + out.shape[1] of a row; returns the part of `out` that is the
     gate.
 
     Parameters
     ----------
-    basis : [clocks of the slot, terms], begin : [terms]
-        Functions of time, and their values where the row is driven, `pause` clocks into the slot: the first row of a
-        frame is settled there.
+    basis : Basis
+        The first row of a frame is settled where it is driven.
     terms : [rows, terms, cells]
-        Their coefficients, packets a clock.
+        Coefficients of its functions, packets a clock.
     squeeze : [cells] or None
         Compression: x becomes x / (1 + |x| squeeze).
     lag, slow : [cells] or None
@@ -565,103 +656,42 @@ def charges(  # type: ignore
     out, mean : [clocks of the slot, cells], [cells]
         Results.
     """
-    clocks, count = basis.shape
-    cells = out.shape[1]
-    factors = np.empty((count, WIDEST))
+    clocks, count = basis.mean.shape
+    # With its limit in sight the compiler knows that no place below wraps around.
+    cells, settle = min(out.shape[1], WIDEST), basis.settle
+    # One array for what the loops over cells touch, so that they become vector instructions (see walk_loops.walk).
+    own, factors = np.zeros(PLACES), np.empty((count, WIDEST))
     for k in range(count):
         for c in range(cells):
-            factors[k, c] = terms[row_number, k, first + c]
-    # One array for what the loops over cells touch, so that they become vector instructions (see walk_loops.walk).
-    size = WIDEST
-    own = np.zeros(11 * size)
-    row, added, average = own[:size], own[size : 2 * size], own[2 * size : 3 * size]
-    limit = own[8 * size : 9 * size]
+            factors[k, c] = terms[row, k, first + c]
     for c in range(cells):
-        added[c], limit[c] = offset[row_number, first + c], most[first + c]
-    if squeeze is not None:
-        hard = own[3 * size : 4 * size]
-        for c in range(cells):
-            hard[c] = squeeze[first + c]
+        own[ADDED + c], own[LIMIT + c] = offset[row, first + c], most[first + c]
+        if squeeze is not None:
+            own[HARD + c] = squeeze[first + c]
     start = settle
     if lag is not None:
-        start = pause
-        output, inert = own[4 * size : 5 * size], own[5 * size : 6 * size]
-        swift, ratio = own[6 * size : 7 * size], own[7 * size : 8 * size]
-        asked, met = own[9 * size : 10 * size], own[10 * size : 11 * size]
-        for c in range(cells):
-            inert[c], swift[c], output[c] = lag[first + c], 1.0 / lag[first + c], slow[first + c]
-            if row_number == 0:
-                x = 0.0
-                for k in range(count):
-                    x += begin[k] * factors[k, c]
-                if squeeze is not None:
-                    x = x / (1.0 + abs(x) * hard[c])
-                x = Y_MIN if x < Y_MIN else x
-                output[c] = limit[c] if x > limit[c] else x
-        if row_number > 0:
-            for n in range(pause):
-                for c in range(cells):
-                    x = 0.0
-                    if idle is not None:
-                        for k in range(count):
-                            x += basis[n, k] * idle[row_number, k, first + c]
-                    if squeeze is not None:
-                        x = x / (1.0 + abs(x) * hard[c])
-                    x = Y_MIN if x < Y_MIN else x
-                    x = limit[c] if x > limit[c] else x
-                    y = output[c]
-                    output[c] = x * y / approach(x, y, x * swift[c])
+        start = basis.pause
+        _begin_mirrors(own, cells, row, first, basis, factors, squeeze, lag, slow, idle)
     for n in range(start, clocks):
-        factor, of = basis[n, 0], factors[0]
-        for c in range(cells):
-            row[c] = factor * of[c]
-        for k in range(1, count):
-            factor, of = basis[n, k], factors[k]
-            for c in range(cells):
-                row[c] += factor * of[c]
-        if squeeze is not None:
-            for c in range(cells):
-                row[c] = row[c] / (1.0 + abs(row[c]) * hard[c])
+        _input(own, cells, basis.mean[n], factors, squeeze)
         if lag is not None:
             if n < settle:
                 for c in range(cells):
-                    x = Y_MIN if row[c] < Y_MIN else row[c]
-                    x = limit[c] if x > limit[c] else x
-                    y = output[c]
-                    output[c] = x * y / approach(x, y, x * swift[c])
+                    _follow(own[ROW + c], own, c)
             else:
-                # dy/dn = y (x - y) / lag: 1/y is an exponential, and the charge is the integral of x less lag times
-                # the growth of ln y, which is ln(x / below).
-                far = 0.0
-                for c in range(cells):
-                    x = Y_MIN if row[c] < Y_MIN else row[c]
-                    x = limit[c] if x > limit[c] else x
-                    y = output[c]
-                    below = approach(x, y, x * swift[c])
-                    both = 1.0 / (below * (x + below))
-                    output[c] = x * y * (x + below) * both
-                    apart = (below - x) * below * both
-                    row[c] = x + inert[c] * log_of(apart)
-                    ratio[c], asked[c], met[c] = apart, x, below
-                for c in range(cells):
-                    far = far if abs(ratio[c]) < FAR else 1.0
-                if far > 0.0:
-                    for c in range(cells):
-                        if abs(ratio[c]) >= FAR:
-                            # Of the two themselves: far apart their difference over their sum has no digit beside 1.
-                            row[c] = asked[c] + inert[c] * math.log(met[c] / asked[c])
+                _through_mirrors(own, cells)
         if n >= settle:
             into = out[n]
             for c in range(cells):
-                x = row[c] + added[c]
-                x = limit[c] if x > limit[c] else x
-                x = -limit[c] if x < -limit[c] else x
-                average[c] += x
-                row[c] = x
+                x = own[ROW + c] + own[ADDED + c]
+                x = own[LIMIT + c] if x > own[LIMIT + c] else x
+                x = -own[LIMIT + c] if x < -own[LIMIT + c] else x
+                own[SUM + c] += x
+                own[ROW + c] = x
             for c in range(cells):
-                into[c] = row[c]
+                into[c] = own[ROW + c]
     for c in range(cells):
-        mean[first + c] = average[c] / (clocks - settle)
+        mean[first + c] = own[SUM + c] / (clocks - settle)
         if lag is not None:
-            slow[first + c] = output[c]
+            slow[first + c] = own[OUTPUT + c]
     return out[settle:]

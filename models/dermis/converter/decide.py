@@ -30,6 +30,8 @@ _FORGOTTEN = 1e-12
 _X_NOISE_MAX = 1.0
 
 _compiled = numba.njit(cache=True, error_model="numpy")
+# A part of `decide_cells`, put in as if it were written there.
+_part = numba.njit(inline="always", error_model="numpy")
 
 
 class Gate(
@@ -237,165 +239,194 @@ def _worst(s, on, calm):  # type: ignore
     return np.argmax(left[:, 0 if calm else 1])
 
 
+class Run(namedtuple("Run", "currents ends bends g_column idle swing_sum apart_lsb seed first")):
+    """What `decide_cells` decides upon.
+
+    Of the column currents [frames, rows, cols] the part that follows the bias and the rest, two arrays each: `currents`
+    where the gate begins, with motion also the `ends` and the `bends`. `g_column`, `idle` [frames, cols] conductance on
+    each column, and most of a settled mirror while no row is driven. `swing_sum` [frames, rows] sum of the sine of the
+    ripple over the gate. `apart_lsb` [cols] packets by which levels may differ for a reason outside the model. `seed`
+    of the random numbers, and the number of frame 0 in the whole run (`first`).
+    """
+
+    __slots__ = ()
+
+
+# Inputs of the converters of one row [INPUTS, cols], as in SlotInput; `MOVES` packets of motion alone. Of slow mirrors
+# three each, as solved, the lowest and the highest: input where the first row begins, before the gate and in the gate;
+# 1 over the output, and the output where the gate begins and ends.
+MEAN, AWAY, SWING, MOVES, BENT = range(5)
+START, BEFORE, DURING, INVERSE, BEGIN, END, INPUTS = range(5, 26, 3)
+
+
+@_part
+def _inputs_of_row(gate, table, run, row, f, r, passed):  # type: ignore
+    """Fill the inputs of `row`, and `passed` of Solved."""
+    # Start of the slot's settling in gates: motion goes on straight there, out of the range that it has in the gate.
+    ahead, per_clock = (gate.settle - gate.pause) / gate.clocks, 1.0 / gate.clocks
+    for c in range(row.shape[1]):
+        top = table[of.TOP, c]
+        driven = later = min(max(run.currents[0][f, r, c], -top), top)
+        other = other_later = min(max(run.currents[1][f, r, c], -top), top)
+        bend = other_bend = 0.0
+        if gate.motion:
+            later = min(max(run.ends[0][f, r, c], -top), top)
+            other_later = min(max(run.ends[1][f, r, c], -top), top)
+            bend = min(max(run.bends[0][f, r, c], -top), top)
+            other_bend = min(max(run.bends[1][f, r, c], -top), top)
+        given = _slot_input(
+            gate, ahead, table[of.PER_A, c], table[of.SQUEEZE, c], driven, later, bend, other, other_later, other_bend
+        )  # fmt: skip
+        row[MEAN, c], row[AWAY, c], row[SWING, c] = given.mean, given.away, given.swing
+        row[MOVES, c], row[BENT, c] = 0.25 * gate.clocks * given.apart, given.bent
+        if gate.slow_mirror:
+            row[START, c], row[START + 1, c], row[START + 2, c] = given.start, given.least, given.largest
+            row[BEFORE, c], row[BEFORE + 1, c], row[BEFORE + 2, c] = given.middle, given.least, given.largest
+            row[DURING, c] = given.mean
+            row[DURING + 1, c], row[DURING + 2, c] = given.mean - given.away, given.mean + given.away
+            settling = max(given.least, Y_MIN) * (gate.settle - gate.pause)
+            off = (abs(given.swing) * gate.swing_reach + given.bent) * per_clock
+            passed[0, f, r, c] = settling
+            passed[1, f, r, c] = settling + max(given.mean - off, Y_MIN) * gate.clocks
+
+
+@_part
+def _through_mirror(gate, kappa, row, c):  # type: ignore
+    """Return (mean, lowest, highest) output of a slow mirror in a gate, the packets that it is late, and the error of
+    these.
+    """
+    mean, away, begin, end = row[MEAN, c], row[AWAY, c], row[BEGIN, c], row[END, c]
+    apart = (end - begin) / (end + begin)
+    late = kappa * (log_of(apart) if abs(apart) < FAR else math.log(end / begin))
+    more = row[END + 2, c] * begin / (end * row[BEGIN + 1, c])
+    more = max(more, end * row[BEGIN + 2, c] / (row[END + 1, c] * begin)) - 1.0
+    # ln(1 + t) is t at most.
+    known = kappa * (more if more < FAR else math.log(1.0 + more))
+    if mean - away < Y_MIN:
+        # A mirror gives no negative current.
+        known += gate.clocks * min(away, abs(mean) + away)
+    low = min(max(mean - away, Y_MIN), row[BEGIN + 1, c])
+    high = max(max(mean + away, Y_MIN), row[BEGIN + 2, c])
+    return max(mean, Y_MIN) - late / gate.clocks, low, high, late, known
+
+
+@_part
+def _cell(gate, table, row, kappa, g_column, swing_sum, c):  # type: ignore
+    """Return the cell as bounds take it, and whether its duty is clipped."""
+    x, low, high = row[MEAN, c], row[MEAN, c] - row[AWAY, c], row[MEAN, c] + row[AWAY, c]
+    late = known = 0.0
+    if gate.slow_mirror:
+        x, low, high, late, known = _through_mirror(gate, kappa, row, c)
+    x, low, high = x + table[of.OFFSET, c], low + table[of.OFFSET, c], high + table[of.OFFSET, c]
+    packet = table[of.PACKET, c]
+    clip = X_CLIP * max(packet, 1.0)
+    across = table[of.G_IN, c]
+    if gate.direct:
+        across += g_column
+    across = min(across * table[of.CROSS, c], 1e12)
+    return of.Cell(
+        1.0 * gate.clocks, math.sqrt(gate.clocks), min(max(x, -clip), clip), min(max(low, -_X_LARGE), clip),
+        min(max(high, -_X_LARGE), _X_LARGE), row[SWING, c], swing_sum, gate.swing_reach, row[BENT, c], row[MOVES, c],
+        late, known, across * table[of.LEAK, c], across, table[of.THERMAL, c] * g_column, packet,
+        table[of.WINDOW, c], table[of.DELAY, c], table[of.LAG, c], table[of.LOW, c], table[of.HIGH, c],
+        table[of.PRESET, c], table[of.NOISE, c], table[of.APERTURE, c], table[of.JITTER, c], table[of.SHOT, c],
+        table[of.PRESET_NOISE, c], table[of.FLICKER, c],
+    ), x >= clip  # fmt: skip
+
+
+@_part
+def _bound_cell(on, table, s, apart, c, tally):  # type: ignore
+    """Bound what moves the level of a cell, its own random numbers aside.
+
+    Returns (sums over effects, shift, the part of the error that always holds, what grows with the path, whether the
+    cell is quiet, whether a comparator with a window holds the packet before).
+    """
+    a = of.total(s, on, abs(table[of.AWAY, c]) + table[of.PRESET, c], tally, None)
+    left, doubtful = of.late(s, a.loose, a.levels)
+    if of.quiet(s, a.loose, a.levels):
+        return a, a.shift + left, a.rest + doubtful + ROUNDING + apart, a.climb, True, left > doubtful
+    return a, 0.0, a.whole + ROUNDING + apart, 0.0, False, False
+
+
+@_part
+def _decide_cell(gate, on, table, s, clipped, g_column, apart, key, c, sample, tally):  # type: ignore
+    """Decide a cell by the bound that holds for any random numbers but the end of its path, then by its own.
+
+    Returns (code, whether it is open, shift, error, bound over the shift that happened or 0, whether its random numbers
+    decided it, whether it is quiet).
+    """
+    a, shift, steady, climb, calm, held = _bound_cell(on, table, s, apart, c, tally)
+    bound = error = steady + climb + math.sqrt(a.squares + a.paths)
+    level = table[of.LEVEL, c] - table[of.BEGIN, c] - shift
+    mean = s.x + s.swing * s.swing_sum / gate.clocks
+    doubt = (s.swing_bent + s.late_known + ROUNDING) / gate.clocks
+    path = 0.0
+    if calm and a.paths > 0.0 and doubt <= 0.02 * mean:
+        # Part of a path's end that the end of its grid tells, and part of its variance that it does not; `climb`
+        # holds two hundredths of the path.
+        span = int(noise.span_of(gate.clocks))
+        told = gate.clocks / math.sqrt(span)
+        path = _sigma(table, g_column, mean, c) * noise.normal(key, noise.WALK, span) * told
+        bound = steady + climb + math.sqrt(a.squares + a.paths * ((span - gate.clocks) / span))
+    code, open_ = _decide(s.x, clipped, level - path, bound, s.packet, gate)
+    happened, drawn = abs(shift - s.late), False
+    if (open_ or sample) and gate.random:
+        start, size = _slot(table, c, key)
+        end, error_drawn = 0.0, steady + math.sqrt(a.drawn)
+        if calm:
+            end, above = _last(gate, table, g_column, mean, doubt, s.low, held, c, key)
+            error_drawn = steady + above
+        moved = start - table[of.BEGIN, c]
+        happened = abs(shift - s.late + end + moved - (size - s.packet) * gate.clocks * s.x / s.packet)
+        if open_:
+            code, open_ = _decide(s.x, clipped, level - moved - end, error_drawn, size, gate)
+            drawn = not open_
+    ratio = bound / happened if sample and happened > ROUNDING else 0.0
+    return code, open_, shift, error, ratio, drawn, calm
+
+
 @_compiled
-def decide_cells(  # type: ignore
-    gate, on, table, g_column, idle, swing_sum, apart_lsb,
-    follows, rest, follows_end, rest_end, follows_bend, rest_bend, seed, first, out, tally, ratios
-):  # fmt: skip
+def decide_cells(gate, on, table, run, out, tally, ratios):  # type: ignore
     """Fill `out` and `tally`; returns how many `ratios` of bound and shift were sampled, and how many
     cells were decided by the random numbers of their slots.
 
     Parameters
     ----------
-    gate : Gate
+    gate, run, out : Gate, Run, Solved
     on : [bounds.COUNT]
         Factor on each bound; 0 is off.
     table : [25, cols]
         bounds.columns.
-    g_column, idle : [frames, cols]
-        Conductance on each column; most of a settled mirror while no row is driven.
-    swing_sum : [frames, rows]
-        Sum of the sine of the ripple over the gate.
-    seed, first : of the random numbers, and the number of frame 0 in the whole run.
-    apart_lsb : [cols]
-        Packets by which levels may differ for a reason outside the model.
-    follows, rest : [frames, rows, cols]
-        Column currents, with the bias and without it; `_end` and `_bend` of them with motion.
     """
-    frames, rows, cols = follows.shape
-    # Each of its own, or loops over them become no vector instructions.
-    settled, away, swings, moves = np.empty(cols), np.empty(cols), np.empty(cols), np.empty(cols)
-    bends, inverse, begins = np.empty(cols), np.empty((3, cols)), np.empty((3, cols))
-    # As solved, the lowest and the highest: where the first row begins, before the gate, in the gate, in the break.
-    starts, befores, durings = np.empty((3, cols)), np.empty((3, cols)), np.empty((3, cols))
-    idles = np.zeros((3, cols))
-    # Start of the slot's settling in gates: motion goes on straight there, out of the range that it has in the gate.
-    ahead = (gate.settle - gate.pause) / gate.clocks
-    kappas = np.maximum(table[of.KAPPA], _KAPPA_MIN)
+    frames, rows, cols = run.currents[0].shape
+    row, still, kappas = np.empty((INPUTS, cols)), np.zeros(cols), np.maximum(table[of.KAPPA], _KAPPA_MIN)
     sampled = drawn = number = 0
-    root, span = math.sqrt(gate.clocks), int(noise.span_of(gate.clocks))
-    per_clock = 1.0 / gate.clocks
-    # Part of a path's end that the end of its grid tells, and part of its variance that it does not.
-    ended, bridge = gate.clocks / math.sqrt(span), (span - gate.clocks) / span
     for f in range(frames):
         for r in range(rows):
-            for c in range(cols):
-                top = table[of.TOP, c]
-                driven = later = min(max(follows[f, r, c], -top), top)
-                other = other_later = min(max(rest[f, r, c], -top), top)
-                bend = other_bend = 0.0
-                if gate.motion:
-                    later = min(max(follows_end[f, r, c], -top), top)
-                    other_later = min(max(rest_end[f, r, c], -top), top)
-                    bend = min(max(follows_bend[f, r, c], -top), top)
-                    other_bend = min(max(rest_bend[f, r, c], -top), top)
-                inputs = _slot_input(
-                    gate, ahead, table[of.PER_A, c], table[of.SQUEEZE, c], driven, later, bend, other, other_later,
-                    other_bend,
-                )  # fmt: skip
-                settled[c], away[c], swings[c] = inputs.mean, inputs.away, inputs.swing
-                moves[c], bends[c] = 0.25 * gate.clocks * inputs.apart, inputs.bent
-                if gate.slow_mirror:
-                    starts[0, c], starts[1, c], starts[2, c] = inputs.start, inputs.least, inputs.largest
-                    befores[0, c], befores[1, c], befores[2, c] = inputs.middle, inputs.least, inputs.largest
-                    durings[0, c] = inputs.mean
-                    durings[1, c], durings[2, c] = inputs.mean - inputs.away, inputs.mean + inputs.away
-                    idles[2, c] = idle[f, c]
-                    settling = max(inputs.least, Y_MIN) * (gate.settle - gate.pause)
-                    off = (abs(inputs.swing) * gate.swing_reach + inputs.bent) * per_clock
-                    out.passed[0, f, r, c] = settling
-                    out.passed[1, f, r, c] = settling + max(inputs.mean - off, Y_MIN) * gate.clocks
+            _inputs_of_row(gate, table, run, row, f, r, out.passed)
             if gate.slow_mirror:
                 for way in range(3):
                     _mirrors(
-                        gate, r == 0, starts[way], befores[way], durings[way], idles[way], kappas, inverse[way],
-                        begins[way], out.end[way, f, r],
+                        gate, r == 0, row[START + way], row[BEFORE + way], row[DURING + way],
+                        run.idle[f] if way == 2 else still, kappas, row[INVERSE + way], row[BEGIN + way],
+                        row[END + way],
                     )  # fmt: skip
-                for c in range(cols):
-                    out.begin[f, r, c] = begins[2, c]
-            of_row = noise.row_key(seed, first + f, r)
+                    out.end[way, f, r] = row[END + way]
+                out.begin[f, r] = row[BEGIN + 2]
+            of_row, swing_sum = noise.row_key(run.seed, run.first + f, r), run.swing_sum[f, r]
             for c in range(cols):
-                u, offset = settled[c], table[of.OFFSET, c]
-                late = known = 0.0
-                x = u + offset
-                low, high = x - away[c], x + away[c]
-                if gate.slow_mirror:
-                    begin, end = begins[0, c], out.end[0, f, r, c]
-                    apart = (end - begin) / (end + begin)
-                    late = kappas[c] * (log_of(apart) if abs(apart) < FAR else math.log(end / begin))
-                    more = out.end[2, f, r, c] * begin / (end * begins[1, c])
-                    more = max(more, end * begins[2, c] / (out.end[1, f, r, c] * begin)) - 1.0
-                    # ln(1 + t) is t at most.
-                    known = kappas[c] * (more if more < FAR else math.log(1.0 + more))
-                    if u - away[c] < Y_MIN:
-                        # A mirror gives no negative current.
-                        known += gate.clocks * min(away[c], abs(u) + away[c])
-                    x = max(u, Y_MIN) - late * per_clock + offset
-                    low = min(max(u - away[c], Y_MIN), begins[1, c]) + offset
-                    high = max(max(u + away[c], Y_MIN), begins[2, c]) + offset
-                packet = table[of.PACKET, c]
-                clip = X_CLIP * max(packet, 1.0)
-                clipped = x >= clip
-                x = min(max(x, -clip), clip)
-                low = min(max(low, -_X_LARGE), clip)
-                high = min(max(high, -_X_LARGE), _X_LARGE)
-                across = table[of.G_IN, c]
-                if gate.direct:
-                    across += g_column[f, c]
-                across = min(across * table[of.CROSS, c], 1e12)
-                s = of.Cell(
-                    1.0 * gate.clocks, root, x, low, high, swings[c], swing_sum[f, r],
-                    gate.swing_reach, bends[c], moves[c], late, known,
-                    across * table[of.LEAK, c], across, table[of.THERMAL, c] * g_column[f, c], packet,
-                    table[of.WINDOW, c], table[of.DELAY, c],
-                    table[of.LAG, c], table[of.LOW, c], table[of.HIGH, c], table[of.PRESET, c], table[of.NOISE, c],
-                    table[of.APERTURE, c], table[of.JITTER, c], table[of.SHOT, c], table[of.PRESET_NOISE, c],
-                    table[of.FLICKER, c],
-                )  # fmt: skip
-                base = abs(table[of.AWAY, c]) + table[of.PRESET, c]
-                a = of.total(s, on, base, tally, None)
-                calm = of.quiet(s, a.loose, a.levels)
-                left, doubtful = of.late(s, a.loose, a.levels)
-                shift = a.shift + left if calm else 0.0
-                steady = (a.rest + doubtful if calm else a.whole) + ROUNDING + apart_lsb[c]
-                climb = a.climb if calm else 0.0
-                spread = math.sqrt(a.squares + a.paths)
-                error = steady + climb + spread
-                level = table[of.LEVEL, c] - table[of.BEGIN, c] - shift
-                mean = x + swings[c] * swing_sum[f, r] * per_clock
-                doubt = (bends[c] + known + ROUNDING) * per_clock
-                key, path, bound = noise.key_in_row(of_row, c), 0.0, error
-                if calm and a.paths > 0.0 and doubt <= 0.02 * mean:
-                    # `climb` holds two hundredths of the path.
-                    path = (
-                        _sigma(table, g_column[f, c], mean, c) * noise.normal(key, noise.WALK, span) * ended
-                    )
-                    bound = steady + climb + math.sqrt(a.squares + a.paths * bridge)
-                code, open_ = _decide(x, clipped, level - path, bound, packet, gate)
-                sample, happened = number % EACH == 0, 0.0
-                if (open_ or sample) and gate.random:
-                    start, size = _slot(table, c, key)
-                    end, error_drawn = 0.0, steady + math.sqrt(a.drawn)
-                    if calm:
-                        held = left > doubtful
-                        end, above = _last(gate, table, g_column[f, c], mean, doubt, low, held, c, key)
-                        error_drawn = steady + above
-                    moved_start = start - table[of.BEGIN, c]
-                    if sample:
-                        happened = abs(
-                            shift - late + end + moved_start - (size - packet) * gate.clocks * x / packet
-                        )
-                    if open_:
-                        code, open_ = _decide(x, clipped, level - moved_start - end, error_drawn, size, gate)
-                        drawn += not open_
-                elif sample:
-                    happened = abs(shift - late)
-                if sample and happened > ROUNDING:
-                    ratios[sampled] = bound / happened
-                    sampled += 1
-                out.x[f, r, c], out.shift[f, r, c], out.error[f, r, c] = x, shift, error
+                g_column, apart, key = run.g_column[f, c], run.apart_lsb[c], noise.key_in_row(of_row, c)
+                s, clipped = _cell(gate, table, row, kappas[c], g_column, swing_sum, c)
+                code, open_, shift, error, ratio, by_numbers, calm = _decide_cell(
+                    gate, on, table, s, clipped, g_column, apart, key, c, number % EACH == 0, tally
+                )
+                out.x[f, r, c], out.shift[f, r, c], out.error[f, r, c] = s.x, shift, error
                 out.open[f, r, c], out.codes[f, r, c] = open_, code
                 if open_:
                     out.blame[f, r, c] = _worst(s, on, calm)
+                if ratio > 0.0:
+                    ratios[sampled] = ratio
+                    sampled += 1
+                drawn += by_numbers
                 number += 1
     return sampled, drawn

@@ -3,7 +3,8 @@
 
 An effect that is off is passed as None. numba compiles a loop for each combination of types it
 meets and removes what stands behind `is not None` before it looks at the rest, so no compiled loop
-tests for an effect that is off, reads its parameters or draws its numbers.
+tests for an effect that is off, reads its parameters or draws its numbers. It does so for arguments
+alone, not for fields of a record: hence their number.
 
 Cells run side by side (the inner loop is over cells and becomes vector instructions), because a
 cell by itself waits for the result of its own last clock. Cells in a special state (a decision
@@ -31,8 +32,25 @@ KEEP_SLOW, KEEP_FAST, GAIN_EARLY, TAKE_EARLY, TAKE_EARLY_LAST, POINT = range(6)
 # noise
 SIGMA, WHITE, SLOPE, APERTURE = range(4)
 
+# Places of the working array of `walk`, a value of BLOCK cells each. State: both parts of the output, now and a clock
+# before; the last three decisions, newest first; ones so far; charge of the clock; the comparator, also before it.
+(A, B, OLD_A, OLD_B, Q1, Q2, Q3, ONES, X, UP, WAS_UP) = range(0, 11 * BLOCK, BLOCK)
+# Rows of `slow`, `fast`, `early`, `noise`, `latch` and `limits` in their own order.
+(KEEP_A, GAIN_A, TAKE_A, START_A, RATE_A, DRIVE_A, WEIGHT_A, PACKET_A) = range(11 * BLOCK, 19 * BLOCK, BLOCK)
+(KEEP_B, GAIN_B, TAKE_B, START_B, RATE_B, DRIVE_B, WEIGHT_B, PACKET_B) = range(19 * BLOCK, 27 * BLOCK, BLOCK)
+(EARLY_A, EARLY_B, EARLY_X, EARLY_2, EARLY_1, AT) = range(27 * BLOCK, 33 * BLOCK, BLOCK)
+(PATH, OF_LEVEL, OF_EDGE, COIN_AT) = range(33 * BLOCK, 37 * BLOCK, BLOCK)
+(HALF_A, HALF_B, LOW, HIGH) = range(37 * BLOCK, 41 * BLOCK, BLOCK)
+# Levels and lag; a charge outside NEAR_LOW..NEAR_HIGH is looked at closely. Eight deviations of a sample; the sample
+# without noise; the path on its grid and its step a clock; outputs between which noise can decide, and the charge a
+# clock up to which the next sample may be there as well.
+(RISE, FALL, FOLLOWS, NEAR_LOW, NEAR_HIGH) = range(41 * BLOCK, 46 * BLOCK, BLOCK)
+(REST, SAMPLE, DRIFT, CREEP, LOWEST, HIGHEST, STAY, PLACES) = range(46 * BLOCK, 54 * BLOCK, BLOCK)
+
 # Charge a clock up to which a limit is seen inside a clock too; more ends at the limit anyway.
 SLOPE_MAX = 2.0
+# A part of `walk`: numba puts it in before it looks at types, so that what is None falls away there as well.
+_part = numba.njit(inline="always", error_model="numpy")
 # Distance in packets from a limit up to which a charge counts as at the limit.
 AT_LIMIT = 1e-14
 # Clocks of lag up to which the output of a clock is that of its own charge to a fifth.
@@ -213,10 +231,9 @@ def _piece(slow, fast, a, b, lag, current, length, low, high):  # type: ignore
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _closely(
+def _closely(  # type: ignore
     slow, fast, a, b, lag, x, packet, before, last, late, sample, rise, fall, shift, low, high, state
 ):
-    # type: ignore
     """One clock of one cell, piece by piece: (seen, sampled output, state, a, b); `shift` moves the
     sample alone.
     """
@@ -248,28 +265,262 @@ def _closely(
     return seen, sampled, state, a, b
 
 
+@_part
+def _copy(cells, place, c, rows, i):  # type: ignore
+    for k in range(rows.shape[0]):
+        cells[place + k * BLOCK + c] = rows[k, i]
+
+
+@_part
+def _load(cells, c, i, slow, fast, latch, early, rise, window):  # type: ignore
+    """Begin with cell i at place c."""
+    cells[Q1 + c] = cells[Q2 + c] = cells[Q3 + c] = cells[ONES + c] = 0.0
+    _copy(cells, KEEP_A, c, slow, i)
+    cells[A + c], cells[AT + c] = cells[START_A + c], 1.0
+    output = cells[A + c]
+    if fast is not None:
+        _copy(cells, KEEP_B, c, fast, i)
+        cells[B + c] = cells[START_B + c]
+        output += cells[B + c]
+    if latch is not None:
+        _copy(cells, HALF_A, c, latch, i)
+    if early is not None:
+        _copy(cells, EARLY_A, c, early, i)
+    cells[RISE + c] = cells[FALL + c] = rise[i]
+    if window is not None:
+        cells[FALL + c] = window[i]
+        cells[UP + c] = 1.0 if output >= rise[i] else 0.0
+
+
+@_part
+def _load_limits(cells, c, i, fast, latch, limits, lag):  # type: ignore
+    """Load the range of the charge.
+
+    The charge may turn between two points by less than lag times a slope, and be farther out where a
+    packet begins inside a clock than at either edge.
+    """
+    _copy(cells, LOW, c, limits, i)
+    inside = 0.0
+    if fast is not None:
+        cells[FOLLOWS + c] = lag[i]
+        inside = lag[i] * (SLOPE_MAX + cells[PACKET_A + c])
+    cells[NEAR_LOW + c], cells[NEAR_HIGH + c] = limits[0, i] + inside, limits[1, i] - inside
+    if latch is not None:
+        cells[NEAR_LOW + c] += SLOPE_MAX
+        cells[NEAR_HIGH + c] -= cells[PACKET_A + c]
+
+
+@_part
+def _load_noise(cells, c, i, fast, latch, window, lag, noise, step):  # type: ignore
+    """Load how far noise may move the output of a cell, on a path laid out every `step` clocks."""
+    _copy(cells, PATH, c, noise, i)
+    # Eight standard deviations: beyond them a decision is wrong once in 1e15.
+    cells[REST + c] = 8.0 * math.hypot(noise[WHITE, i], noise[SLOPE, i]) + noise[APERTURE, i]
+    reach = 4.0 * noise[SIGMA, i] * math.sqrt(step) + cells[REST + c]
+    cells[HIGHEST + c], cells[LOWEST + c] = cells[RISE + c] + reach, cells[FALL + c] - reach
+    if window is not None:
+        # A clock takes the output farther than this, unless it follows late or a packet begins inside.
+        cells[STAY + c] = 2.0 * (cells[HIGHEST + c] - cells[LOWEST + c]) / cells[AT + c]
+        if fast is not None:
+            if lag[i] > SWIFT:
+                cells[STAY + c] = np.inf
+        if latch is not None:
+            cells[STAY + c] = np.inf
+
+
+@_part
+def _within(value, cells, c, fast, latch, limits):  # type: ignore
+    """Keep an output in its range where the charge goes one way through a clock: its end is then
+    bounded alike.
+    """
+    if limits is not None:
+        if fast is None:
+            if latch is None:
+                value = value if value > cells[NEAR_LOW + c] else cells[NEAR_LOW + c]
+                value = value if value < cells[NEAR_HIGH + c] else cells[NEAR_HIGH + c]
+    return value
+
+
+@_part
+def _sample(cells, c, output, fast, latch, early, limits):  # type: ignore
+    """Output that the comparator sees in a clock that ends with `output`."""
+    sample = output
+    if early is not None:
+        sample = cells[EARLY_A + c] * cells[A + c] + cells[EARLY_X + c] * cells[X + c]
+        sample -= cells[EARLY_2 + c] * cells[Q2 + c]
+        if latch is not None:
+            sample -= cells[EARLY_1 + c] * cells[Q1 + c]
+        if fast is not None:
+            sample += cells[EARLY_B + c] * cells[B + c]
+        sample = _within(sample, cells, c, fast, latch, limits)
+    return sample
+
+
+@_part
+def _stays(cells, c):  # type: ignore
+    """Whether an output may still be near its level at the next sample."""
+    return (abs(cells[X + c]) <= cells[STAY + c]) | (
+        abs(cells[X + c] - cells[PACKET_A + c]) <= cells[STAY + c]
+    )
+
+
+@_part
+def _decision(cells, c, sample, output, early, window, noise):  # type: ignore
+    """Return whether a clock gives a one, and whether noise or the window of the comparator may
+    change that.
+    """
+    may_rise = cells[Q1 + c] == 0.0
+    if noise is not None:
+        cells[SAMPLE + c] = sample
+        cells[DRIFT + c] += cells[CREEP + c]
+        moved = sample + cells[DRIFT + c]
+        mark = (moved >= cells[LOWEST + c]) & (moved < cells[HIGHEST + c])
+        if window is None:
+            mark = mark & may_rise
+        else:
+            # The comparator's state at the end of the clock matters where the next sample may be near.
+            stays = _stays(cells, c)
+            mark = mark & (may_rise | stays)
+            if early is not None:
+                moved_end = output + cells[DRIFT + c]
+                mark = mark | (stays & (moved_end >= cells[LOWEST + c]) & (moved_end < cells[HIGHEST + c]))
+        return (moved >= cells[RISE + c]) & may_rise, mark
+    mark = False
+    if window is not None:
+        mark = (sample >= cells[FALL + c]) & (sample < cells[RISE + c])
+        if early is not None:
+            mark = mark | ((output >= cells[FALL + c]) & (output < cells[RISE + c]))
+    return (sample >= cells[RISE + c]) & may_rise, mark
+
+
+@_part
+def _clock(cells, marks, c, fast, latch, early, window, limits, noise):  # type: ignore
+    """Take a cell through one clock; where its decision is not known for certain, mark it."""
+    a, b, x = cells[A + c], cells[B + c], cells[X + c]
+    new_a, new_b = cells[KEEP_A + c] * a + cells[GAIN_A + c] * x - cells[TAKE_A + c] * cells[Q2 + c], 0.0
+    if latch is not None:
+        new_a -= cells[HALF_A + c] * cells[Q1 + c]
+    new_a = _within(new_a, cells, c, fast, latch, limits)
+    output = new_a
+    if fast is not None:
+        new_b = cells[KEEP_B + c] * b + cells[GAIN_B + c] * x - cells[TAKE_B + c] * cells[Q2 + c]
+        if latch is not None:
+            new_b -= cells[HALF_B + c] * cells[Q1 + c]
+        output = new_a + new_b
+    sample = _sample(cells, c, output, fast, latch, early, limits)
+    one, mark = _decision(cells, c, sample, output, early, window, noise)
+    if limits is not None:
+        w = cells[WEIGHT_A + c] * new_a
+        if fast is not None:
+            w += cells[WEIGHT_B + c] * new_b
+        mark = mark | (w < cells[NEAR_LOW + c]) | (w > cells[NEAR_HIGH + c])
+    if window is not None:
+        moved_end = output
+        if noise is not None:
+            moved_end = output + cells[DRIFT + c]
+        cells[WAS_UP + c] = cells[UP + c]
+        cells[UP + c] = 1.0 if moved_end >= cells[RISE + c] else 0.0
+    if noise is not None or window is not None or limits is not None:
+        marks[c] = mark
+    if window is not None or limits is not None:
+        cells[OLD_A + c], cells[Q3 + c] = a, cells[Q2 + c]
+        if fast is not None:
+            cells[OLD_B + c] = b
+    cells[Q2 + c] = cells[Q1 + c]
+    cells[Q1 + c] = 1.0 if one else 0.0
+    cells[ONES + c] += cells[Q1 + c]
+    cells[A + c] = new_a
+    if fast is not None:
+        cells[B + c] = new_b
+
+
+@_part
+def _noise_of(cells, grid, n, step, c, inside, early, window, key):  # type: ignore
+    """Draw the noise of a marked clock: (that of the charge, that of the sample alone)."""
+    top, bottom, rest = cells[RISE + c], cells[FALL + c], cells[REST + c]
+    left = (n + 1) // step
+    right = left if left * step == n + 1 else left + 1
+    low = high = cells[SAMPLE + c]
+    if window is not None:
+        if early is not None:
+            if _stays(cells, c):
+                output = cells[A + c] + cells[B + c]
+                low, high = min(low, output), max(high, output)
+    if not inside:
+        # A charge that stops at its range is not where it would be: what decides is not known yet.
+        low, high = -np.inf, np.inf
+    of_charge = cells[PATH + c] * walk_between(
+        key, n + 1, left * step, right * step, grid[c, left], grid[c, right], cells[PATH + c],
+        bottom - rest - high, top + rest - low,
+    )  # fmt: skip
+    of_sample, moved = 0.0, cells[SAMPLE + c] + of_charge
+    if not inside or abs(moved - top) <= rest or abs(moved - bottom) <= rest:
+        if cells[OF_LEVEL + c] > 0.0:
+            of_sample = cells[OF_LEVEL + c] * normal(key, LEVEL, n + 1)
+        if cells[OF_EDGE + c] > 0.0:
+            of_sample += cells[OF_EDGE + c] * normal(key, EDGE, n + 1)
+    return of_charge, of_sample
+
+
+@_part
+def _pieces(cells, late, c, of_charge, of_sample, state, fast, limits):  # type: ignore
+    """Take a cell through its last clock again, piece by piece, as `_closely` does."""
+    part_b, slowness, low, high = (0.0, 0.0, 0.0), 1.0, -np.inf, np.inf
+    if fast is not None:
+        part_b, slowness = (cells[RATE_B + c], cells[DRIVE_B + c], cells[WEIGHT_B + c]), cells[FOLLOWS + c]
+    if limits is not None:
+        low, high = cells[LOW + c], cells[HIGH + c]
+    return _closely(
+        (cells[RATE_A + c], cells[DRIVE_A + c], cells[WEIGHT_A + c]), part_b, cells[OLD_A + c], cells[OLD_B + c],
+        slowness, cells[X + c], cells[PACKET_A + c], cells[Q3 + c], cells[Q2 + c], late, cells[AT + c],
+        cells[RISE + c] - of_charge, cells[FALL + c] - of_charge, of_sample, low, high, state,
+    )  # fmt: skip
+
+
+@_part
+def _decide_again(cells, grid, n, step, late, c, i, fast, early, window, limits, noise, keys):  # type: ignore
+    """Decide a marked clock with its noise, its range and the state of its comparator."""
+    inside, clear, seen, state = True, False, False, False
+    of_charge, of_sample, moved, active = 0.0, 0.0, 0.0, cells[RISE + c]
+    if limits is not None:
+        w = cells[WEIGHT_A + c] * cells[A + c]
+        if fast is not None:
+            w += cells[WEIGHT_B + c] * cells[B + c]
+        inside = cells[NEAR_LOW + c] <= w <= cells[NEAR_HIGH + c]
+    if window is not None:
+        state = cells[WAS_UP + c] != 0.0
+        active = cells[FALL + c] if state else active
+    if noise is not None:
+        of_charge, of_sample = _noise_of(cells, grid, n, step, c, inside, early, window, keys[i])
+        moved = cells[SAMPLE + c] + of_charge + of_sample
+        seen, clear = moved >= cells[RISE + c], inside
+        if window is not None:
+            end = cells[A + c] + cells[B + c] + of_charge
+            clear = inside and (seen or moved < cells[FALL + c])
+            if _stays(cells, c):
+                clear = clear and (end >= cells[RISE + c] or end < cells[FALL + c])
+            if clear:
+                state = end >= cells[RISE + c]
+    if not clear:
+        seen, sampled, state, a, b = _pieces(cells, late, c, of_charge, of_sample, state, fast, limits)
+        moved = sampled + of_charge + of_sample
+        if not inside:
+            cells[A + c], cells[B + c] = a, b
+    if window is not None:
+        cells[UP + c] = 1.0 if state else 0.0
+    if noise is not None:
+        if abs(moved - active) < cells[COIN_AT + c]:
+            seen = uniform(keys[i], COIN, n + 1) < 0.5
+    bit = 1.0 if seen and cells[Q2 + c] == 0.0 else 0.0
+    cells[ONES + c] += bit - cells[Q1 + c]
+    cells[Q1 + c] = bit
+
+
 @numba.njit(cache=True, error_model="numpy")
 def walk(  # type: ignore
-    clocks,
-    late,
-    x,
-    vary,
-    slow,
-    fast,
-    latch,
-    early,
-    rise,
-    window,
-    limits,
-    lag,
-    noise,
-    keys,
-    step,
-    begin,
-    stop,
-    counts,
-    end,
-):
+    clocks, late, x, vary, slow, fast, latch, early, rise, window, limits, lag, noise, keys, step, begin,
+    stop, counts, end,
+):  # fmt: skip
     """Count the ones of `clocks` decisions for every cell; the charge after the last one into
     `end`.
 
@@ -302,300 +553,52 @@ def walk(  # type: ignore
     counts, end : [n]
         Results.
     """
-    size = BLOCK
-    words = size // 8
     # One array for all that the loop over cells touches: that its parts do not overlap is then plain to the
     # compiler, which otherwise gives up vector instructions rather than compare every pair of them.
-    own = np.zeros(35 * size)
-    state_a, old_a = own[0 * size : 1 * size], own[1 * size : 2 * size]
-    q1, q2, q3 = own[2 * size : 3 * size], own[3 * size : 4 * size], own[4 * size : 5 * size]
-    ones, x_c = own[5 * size : 6 * size], own[6 * size : 7 * size]
-    keep_a, gain_a, take_a = own[7 * size : 8 * size], own[8 * size : 9 * size], own[9 * size : 10 * size]
-    rise_c = own[10 * size : 11 * size]
-    marks = np.zeros(size, dtype=np.uint8)
+    cells, marks = np.zeros(PLACES), np.zeros(BLOCK, dtype=np.uint8)
     marks8 = marks.view(np.uint64)
-    if fast is not None:
-        state_b, old_b = own[11 * size : 12 * size], own[12 * size : 13 * size]
-        keep_b, gain_b, take_b = (
-            own[13 * size : 14 * size],
-            own[14 * size : 15 * size],
-            own[15 * size : 16 * size],
-        )
-    if latch is not None:
-        half_a, half_b = own[16 * size : 17 * size], own[17 * size : 18 * size]
-    if early is not None:
-        early_a, early_b = own[18 * size : 19 * size], own[19 * size : 20 * size]
-        early_x, early_2 = own[20 * size : 21 * size], own[21 * size : 22 * size]
-        early_1 = own[22 * size : 23 * size]
-    if window is not None:
-        fall_c = own[23 * size : 24 * size]
-        up, was_up = np.zeros(size, dtype=np.uint8), np.zeros(size, dtype=np.uint8)
-    if limits is not None:
-        low_c, high_c = own[24 * size : 25 * size], own[25 * size : 26 * size]
-        weight_a, weight_b = own[26 * size : 27 * size], own[27 * size : 28 * size]
+    grid = np.zeros((0, 0))
     if noise is not None:
-        level = own[28 * size : 29 * size]
-        drift, creep = own[29 * size : 30 * size], own[30 * size : 31 * size]
-        lowest, highest = own[31 * size : 32 * size], own[32 * size : 33 * size]
-        stay, packet_c = own[33 * size : 34 * size], own[34 * size : 35 * size]
         span = max(span_of(clocks), step)
-        grid = np.zeros((size, span // step + 1))
-    for first in range(begin, stop, size):
-        wide = min(size, stop - first)
+        grid = np.zeros((BLOCK, span // step + 1))
+    for first in range(begin, stop, BLOCK):
+        wide = min(BLOCK, stop - first)
         marks[:] = 0
         for c in range(wide):
             i = first + c
-            state_a[c] = slow[START, i]
-            q1[c] = q2[c] = q3[c] = ones[c] = 0.0
-            keep_a[c], gain_a[c], take_a[c] = slow[KEEP, i], slow[GAIN, i], slow[TAKE, i]
-            rise_c[c] = rise[i]
+            _load(cells, c, i, slow, fast, latch, early, rise, window)
             if x is not None:
-                x_c[c] = x[i]
-            if fast is not None:
-                state_b[c] = fast[START, i]
-                keep_b[c], gain_b[c], take_b[c] = fast[KEEP, i], fast[GAIN, i], fast[TAKE, i]
-            if latch is not None:
-                half_a[c], half_b[c] = latch[0, i], latch[1, i]
-            if early is not None:
-                early_a[c], early_b[c] = early[KEEP_SLOW, i], early[KEEP_FAST, i]
-                early_x[c], early_2[c], early_1[c] = (
-                    early[GAIN_EARLY, i],
-                    early[TAKE_EARLY, i],
-                    early[TAKE_EARLY_LAST, i],
-                )
-            if window is not None:
-                fall_c[c] = window[i]
-                output = state_a[c]
-                if fast is not None:
-                    output += state_b[c]
-                up[c] = output >= rise_c[c]
+                cells[X + c] = x[i]
             if limits is not None:
-                weight_a[c] = slow[WEIGHT, i]
-                # Marked from here on. The charge may turn between two points by less than lag times a slope,
-                # and be farther out where a packet begins inside a clock than at either edge.
-                inside = 0.0
-                if fast is not None:
-                    weight_b[c] = fast[WEIGHT, i]
-                    inside = lag[i] * (SLOPE_MAX + slow[PACKET, i])
-                low_c[c], high_c[c] = limits[0, i] + inside, limits[1, i] - inside
-                if latch is not None:
-                    low_c[c] += SLOPE_MAX
-                    high_c[c] -= slow[PACKET, i]
+                _load_limits(cells, c, i, fast, latch, limits, lag)
             if noise is not None:
                 walk_grid(keys[i], span, step, grid[c])
-                reach = 4.0 * noise[SIGMA, i] * math.sqrt(step)
-                reach += 8.0 * math.hypot(noise[WHITE, i], noise[SLOPE, i]) + noise[APERTURE, i]
-                highest[c] = rise_c[c] + reach
-                lowest[c] = rise_c[c] - reach
-                if window is not None:
-                    lowest[c] = fall_c[c] - reach
-                    # A clock takes the output farther than this, unless it follows late or a packet begins inside.
-                    packet_c[c] = slow[PACKET, i]
-                    stay[c] = 2.0 * (highest[c] - lowest[c])
-                    if early is not None:
-                        stay[c] /= early[POINT, i]
-                    if fast is not None:
-                        if lag[i] > SWIFT:
-                            stay[c] = np.inf
-                    if latch is not None:
-                        stay[c] = np.inf
-
+                _load_noise(cells, c, i, fast, latch, window, lag, noise, step)
         for n in range(clocks):
-            if noise is not None and n % step == 0:
-                for c in range(wide):
-                    sigma = noise[SIGMA, first + c]
-                    left = grid[c, n // step]
-                    creep[c] = sigma * (grid[c, n // step + 1] - left) / step
-                    drift[c] = sigma * left
+            if noise is not None:
+                if n % step == 0:
+                    for c in range(wide):
+                        sigma, left = cells[PATH + c], grid[c, n // step]
+                        cells[CREEP + c] = sigma * (grid[c, n // step + 1] - left) / step
+                        cells[DRIFT + c] = sigma * left
             if vary is not None:
                 charge = vary[n]
                 for c in range(wide):
-                    x_c[c] = charge[first - begin + c]
-
+                    cells[X + c] = charge[first - begin + c]
             for c in range(wide):
-                a = state_a[c]
-                new_a = keep_a[c] * a + gain_a[c] * x_c[c] - take_a[c] * q2[c]
-                if latch is not None:
-                    new_a -= half_a[c] * q1[c]
-                if limits is not None:
-                    if fast is None:
-                        if latch is None:
-                            # The charge goes one way through a clock, so what it is at its end is bounded alike.
-                            new_a = new_a if new_a > low_c[c] else low_c[c]
-                            new_a = new_a if new_a < high_c[c] else high_c[c]
-                output = new_a
-                if fast is not None:
-                    b = state_b[c]
-                    new_b = keep_b[c] * b + gain_b[c] * x_c[c] - take_b[c] * q2[c]
-                    if latch is not None:
-                        new_b -= half_b[c] * q1[c]
-                    output = new_a + new_b
-                sample = output
-                if early is not None:
-                    sample = early_a[c] * a + early_x[c] * x_c[c] - early_2[c] * q2[c]
-                    if latch is not None:
-                        sample -= early_1[c] * q1[c]
-                    if fast is not None:
-                        sample += early_b[c] * b
-                    if limits is not None:
-                        if fast is None:
-                            if latch is None:
-                                sample = sample if sample > low_c[c] else low_c[c]
-                                sample = sample if sample < high_c[c] else high_c[c]
-                mark = False
-                if noise is not None:
-                    level[c] = sample
-                    drift[c] += creep[c]
-                    moved = sample + drift[c]
-                    mark = (moved >= lowest[c]) & (moved < highest[c])
-                    if window is None:
-                        mark = mark & (q1[c] == 0.0)
-                    else:
-                        # The comparator's state at the end of the clock matters where the next sample may be near.
-                        stays = (abs(x_c[c]) <= stay[c]) | (abs(x_c[c] - packet_c[c]) <= stay[c])
-                        mark = mark & ((q1[c] == 0.0) | stays)
-                        if early is not None:
-                            moved_end = output + drift[c]
-                            mark = mark | (stays & (moved_end >= lowest[c]) & (moved_end < highest[c]))
-                    one = (moved >= rise_c[c]) & (q1[c] == 0.0)
-                else:
-                    one = (sample >= rise_c[c]) & (q1[c] == 0.0)
-                    if window is not None:
-                        mark = (sample >= fall_c[c]) & (sample < rise_c[c])
-                        if early is not None:
-                            mark = mark | ((output >= fall_c[c]) & (output < rise_c[c]))
-                if window is not None:
-                    was_up[c] = up[c]
-                    if noise is not None:
-                        up[c] = output + drift[c] >= rise_c[c]
-                    else:
-                        up[c] = output >= rise_c[c]
-                    old_a[c] = a
-                    q3[c] = q2[c]
-                    if fast is not None:
-                        old_b[c] = b
-                if limits is not None:
-                    w = weight_a[c] * new_a
-                    if fast is not None:
-                        w += weight_b[c] * new_b
-                    mark = mark | (w < low_c[c]) | (w > high_c[c])
-                    old_a[c] = a
-                    q3[c] = q2[c]
-                    if fast is not None:
-                        old_b[c] = b
-                q2[c] = q1[c]
-                q1[c] = 1.0 if one else 0.0
-                ones[c] += q1[c]
-                state_a[c] = new_a
-                if fast is not None:
-                    state_b[c] = new_b
-                if noise is not None:
-                    marks[c] = mark
-                elif window is not None:
-                    marks[c] = mark
-                elif limits is not None:
-                    marks[c] = mark
-
+                _clock(cells, marks, c, fast, latch, early, window, limits, noise)
             if noise is not None or window is not None or limits is not None:
-                for word in range(words):
+                for word in range(BLOCK // 8):
                     if marks8[word] == 0:
                         continue
                     for c in range(8 * word, 8 * word + 8):
-                        if marks[c] == 0:
-                            continue
-                        i = first + c
-                        a, b = state_a[c], 0.0
-                        if fast is not None:
-                            b = state_b[c]
-                        top = rise_c[c]
-                        bottom = top
-                        if window is not None:
-                            bottom = fall_c[c]
-                        free = True
-                        if limits is not None:
-                            w = weight_a[c] * a
-                            if fast is not None:
-                                w += weight_b[c] * b
-                            free = low_c[c] <= w <= high_c[c]
-                        slow_noise, white_noise = 0.0, 0.0
-                        if noise is not None:
-                            sigma = noise[SIGMA, i]
-                            # Eight standard deviations: beyond them a decision is wrong once in 1e15.
-                            rest = 8.0 * math.hypot(noise[WHITE, i], noise[SLOPE, i]) + noise[APERTURE, i]
-                            left = (n + 1) // step
-                            right = left if left * step == n + 1 else left + 1
-                            low = high = level[c]
-                            stays_near = False
-                            if window is not None:
-                                stays_near = abs(x_c[c]) <= stay[c] or abs(x_c[c] - packet_c[c]) <= stay[c]
-                            if early is not None and stays_near:
-                                low, high = min(low, a + b), max(high, a + b)
-                            if not free:
-                                # A charge that stops at its range is not at `level`: what decides is not known yet.
-                                low, high = -np.inf, np.inf
-                            slow_noise = sigma * walk_between(
-                                keys[i], n + 1, left * step, right * step, grid[c, left], grid[c, right],
-                                sigma, bottom - rest - high, top + rest - low,
+                        if marks[c] != 0:
+                            _decide_again(
+                                cells, grid, n, step, late, c, first + c, fast, early, window, limits, noise,
+                                keys,
                             )  # fmt: skip
-                            moved = level[c] + slow_noise
-                            if not free or abs(moved - top) <= rest or abs(moved - bottom) <= rest:
-                                if noise[WHITE, i] > 0.0:
-                                    white_noise = noise[WHITE, i] * normal(keys[i], LEVEL, n + 1)
-                                if noise[SLOPE, i] > 0.0:
-                                    white_noise += noise[SLOPE, i] * normal(keys[i], EDGE, n + 1)
-                            moved += white_noise
-                            seen = moved >= top
-                        if window is not None or limits is not None:
-                            state = False
-                            if window is not None:
-                                state = was_up[c] != 0
-                            active = bottom if state else top
-                            clear = False
-                            if noise is not None and free:
-                                behind_it = a + b + slow_noise
-                                clear = moved >= top or moved < bottom
-                                if stays_near:
-                                    clear = clear and (behind_it >= top or behind_it < bottom)
-                                if clear:
-                                    state = behind_it >= top
-                            if not clear:
-                                part_b = (0.0, 0.0, 0.0)
-                                from_b, slowness = 0.0, 1.0
-                                if fast is not None:
-                                    part_b = (fast[RATE, i], fast[DRIVE, i], fast[WEIGHT, i])
-                                    from_b, slowness = old_b[c], lag[i]
-                                low, high = -np.inf, np.inf
-                                if limits is not None:
-                                    low, high = limits[0, i], limits[1, i]
-                                point = 1.0
-                                if early is not None:
-                                    point = early[POINT, i]
-                                seen, sampled, state, a, b = _closely(
-                                    (slow[RATE, i], slow[DRIVE, i], slow[WEIGHT, i]), part_b, old_a[c], from_b,
-                                    slowness, x_c[c], slow[PACKET, i], q3[c], q2[c], late, point, top -
-                                    slow_noise, bottom - slow_noise, white_noise, low, high, state,
-                                )  # fmt: skip
-                                if limits is not None:
-                                    if not free:
-                                        state_a[c] = a
-                                        if fast is not None:
-                                            state_b[c] = b
-                                if noise is not None:
-                                    moved = sampled + slow_noise + white_noise
-                            if window is not None:
-                                up[c] = state
-                        else:
-                            active = top
-                        if noise is not None:
-                            if abs(moved - active) < noise[APERTURE, i]:
-                                seen = uniform(keys[i], COIN, n + 1) < 0.5
-                        bit = 1.0 if seen and q2[c] == 0.0 else 0.0
-                        ones[c] += bit - q1[c]
-                        q1[c] = bit
-
         for c in range(wide):
             i = first + c
-            counts[i] = int(ones[c])
-            end[i] = slow[WEIGHT, i] * state_a[c]
+            counts[i], end[i] = int(cells[ONES + c]), slow[WEIGHT, i] * cells[A + c]
             if fast is not None:
-                end[i] += fast[WEIGHT, i] * state_b[c]
+                end[i] += fast[WEIGHT, i] * cells[B + c]

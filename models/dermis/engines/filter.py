@@ -203,7 +203,11 @@ class _Part:
         bend = (i.follows_bend, i.rest_bend)
         if i.follows_bend is None:
             bend = (np.zeros(shape),) * 2 if drive.motion else (i.follows_begin, i.rest_begin)
-        solved = [i.follows_begin, i.rest_begin, i.follows_end, i.rest_end, *bend]
+        solved = [
+            tuple(map(np.ascontiguousarray, pair))
+            for pair in ((i.follows_begin, i.rest_begin), (i.follows_end, i.rest_end), bend)
+        ]
+        asked = self.loops.Run(*solved, self.g_column_s, idle, swing_sum, apart_lsb, self.seed, self.first)
         values = np.empty((3, *shape))
         open_, whole = np.empty(shape, dtype=bool), np.empty((2, *shape), dtype=np.int64)
         mirrors = np.empty((6, *shape) if self.slow_mirror else (6, 1, 1, 1))
@@ -212,9 +216,8 @@ class _Part:
         )
         ratios = np.empty(self.g.size // self.loops.EACH + 1)
         sampled, self.drawn = self.loops.decide_cells(
-            self.gate, on, self.columns, self.g_column_s, idle, swing_sum, apart_lsb,
-            *(np.ascontiguousarray(part) for part in solved), self.seed, self.first, self.s, self.table.tally, ratios,
-        )  # fmt: skip
+            self.gate, on, self.columns, asked, self.s, self.table.tally, ratios
+        )
         if sampled:
             self.table.looseness.append(float(np.sort(ratios[:sampled])[sampled // 2]))
 

@@ -209,7 +209,7 @@ def currents_of(plan: Plan, part: slice) -> Currents:
     cells = cells.reshape(slots.rows, -1, slots.frames, slots.cols).transpose(2, 0, 3, 1)
     if slots.coupling is not None:
         cells[..., 0] += slots.coupling.x
-    basis = np.concatenate([slots.begin[np.newaxis], slots.basis])
+    basis = np.concatenate([slots.basis.begin[np.newaxis], slots.basis.mean])
     return Currents(cells, basis, slots.terms.shape[1], int(slots.idle is not None), slots.coupling)
 
 
