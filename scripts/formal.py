@@ -297,11 +297,7 @@ def chosen(names: Sequence[str]) -> list[Proof]:
 
 
 def run_all(
-    which: Iterable[Proof],
-    *,
-    theorems: bool = True,
-    faults: bool = True,
-    workers: int = WORKERS,
+    which: Iterable[Proof], *, theorems: bool = True, faults: bool = True, workers: int = WORKERS
 ) -> list[verdict.Row]:
     """Run proofs, covers and faults in parallel; return their rows in the order of the proofs."""
     from dermis.report import progress

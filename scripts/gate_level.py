@@ -24,13 +24,7 @@ from scripts.judged import finish
 from scripts.liberty import PREFIX, view
 from scripts.lint import header_values
 from scripts.synth.cells import TECHNOLOGIES, Technology, osu035
-from scripts.synth.command import (
-    attempt,
-    default_size,
-    place,
-    size_options,
-    write_docs,
-)
+from scripts.synth.command import attempt, default_size, place, size_options, write_docs
 from scripts.synth.map import TOP, Netlist, Size, map_once
 
 BENCHES = ROOT / "tb" / "rtl"

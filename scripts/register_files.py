@@ -202,11 +202,7 @@ def files(design: Design, root: Path) -> dict[str, str]:
     """Return every generated file as ``{path from the root: text}``."""
     found = entries(design, root)
     return templates.filled(
-        (
-            "rtl/dermis_registers.v",
-            "rtl/dermis_registers.h",
-            "models/dermis/chip/register_map.py",
-        ),
+        ("rtl/dermis_registers.v", "rtl/dermis_registers.h", "models/dermis/chip/register_map.py"),
         origin=ORIGIN,
         range_index=parameters(design)["RANGE_INDEX"],
         entries=found,

@@ -209,11 +209,7 @@ def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
 
 
 def map_once(
-    technology: Technology,
-    parameters: Mapping[str, int],
-    directory: Path,
-    *,
-    fresh: bool = False,
+    technology: Technology, parameters: Mapping[str, int], directory: Path, *, fresh: bool = False
 ) -> Netlist:
     """Return the netlist in `directory` if its inputs are unchanged and not `fresh`, else map it.
 

@@ -140,11 +140,7 @@ def test_the_front_holds_what_nothing_beats() -> None:
 
 def test_engines_are_compared_with_the_best_peer() -> None:
     ours = [point(1.0, 1e-3, "cosim, icarus, step"), point(10.0, 1e-9, "cosim, icarus, step")]
-    points = [
-        *ours,
-        point(5.0, 1e-3, "peer: x"),
-        point(40.0, 1e-9, "peer: y"),
-    ]
+    points = [*ours, point(5.0, 1e-3, "peer: x"), point(40.0, 1e-9, "peer: y")]
     rows = {row["name"].removeprefix("accuracy."): row["value"] for row in simulator.ratios(points)}
     assert rows == pytest.approx(
         {

@@ -42,10 +42,7 @@ def run(work: Path, *command: str) -> str:
     """Run a command on the copy, which must succeed."""
     # A copy would be compiled anew, which takes longer than a few taxels in plain Python.
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    environment |= {
-        "PYTHONPATH": str(work / "models"),
-        "GIT_CEILING_DIRECTORIES": str(work.parent),
-    }
+    environment |= {"PYTHONPATH": str(work / "models"), "GIT_CEILING_DIRECTORIES": str(work.parent)}
     done = subprocess.run(command, cwd=work, env=environment, capture_output=True, text=True, timeout=170)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

@@ -20,14 +20,7 @@ from dermis.engines import closed
 from dermis.errors import InputError
 from dermis.scene import design as designs
 from dermis.scene import sensor
-from dermis.scene.sensor import (
-    InverseSensor,
-    PowerSensor,
-    SensorState,
-    age,
-    creep_decades,
-    spread_factor,
-)
+from dermis.scene.sensor import InverseSensor, PowerSensor, SensorState, age, creep_decades, spread_factor
 
 Floats = NDArray[np.float64]
 Write = Callable[..., Path]

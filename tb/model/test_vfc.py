@@ -11,13 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dermis.converter.vfc import (
-    code,
-    count,
-    count_exact,
-    count_rational,
-    count_restarting,
-)
+from dermis.converter.vfc import code, count, count_exact, count_rational, count_restarting
 
 GATE = 510
 HALF = Fraction(1, 2)

@@ -35,11 +35,7 @@ def alone(function: Callable[..., Any], *arguments: Any) -> Any:
 
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(
-    ("name", "inputs"),
-    [
-        ("scene", 60),
-        pytest.param("frames", 200, marks=pytest.mark.long),
-    ],
+    ("name", "inputs"), [("scene", 60), pytest.param("frames", 200, marks=pytest.mark.long)]
 )
 def test_a_short_run_finds_nothing(name: str, inputs: int) -> None:
     made = alone(command.fuzz, name, inputs, 7)

@@ -36,8 +36,7 @@ _part = numba.njit(inline="always", error_model="numpy")
 
 class Gate(
     namedtuple(
-        "Gate",
-        "clocks settle pause code_max budget ripple swing_reach motion slow_mirror direct random",
+        "Gate", "clocks settle pause code_max budget ripple swing_reach motion slow_mirror direct random"
     )
 ):
     """Numbers that all cells of a run share.

@@ -45,11 +45,7 @@ _DATA_FILES = (
 
 
 def run(
-    plan: Plan,
-    progress: Callable[[int], None] | None = None,
-    *,
-    processes: int = 1,
-    **options: Any,
+    plan: Plan, progress: Callable[[int], None] | None = None, *, processes: int = 1, **options: Any
 ) -> Result:
     """Run a plan through its engine in parts.
 
@@ -94,9 +90,7 @@ def bounds(plan: Plan, workers: int) -> list[tuple[int, int]]:
 
 
 def spread(
-    calls: Iterable[tuple[Callable[..., Any], tuple[Any, ...]]],
-    executor: Executor,
-    workers: int,
+    calls: Iterable[tuple[Callable[..., Any], tuple[Any, ...]]], executor: Executor, workers: int
 ) -> Iterator[tuple[int, Future[Any]]]:
     """Give calls to an executor, and yield (number of the call, its future) as they end, in any
     order.

@@ -139,12 +139,7 @@ def effect_bits(plan: Plan, models: Path = MODELS) -> int:
 
 
 def build(
-    plan: Plan,
-    effects: int,
-    currents: Currents,
-    simulator: str,
-    sync_latch: bool,
-    models: Path = MODELS,
+    plan: Plan, effects: int, currents: Currents, simulator: str, sync_latch: bool, models: Path = MODELS
 ) -> list[str]:
     """Command that runs the reader of a plan, built only if it is not there yet."""
     parameters = {

@@ -54,14 +54,7 @@ def _sized(value: Any) -> bool:
     return (isinstance(value, float) and not math.isfinite(value)) or SIZE_MIN <= abs(value) <= SIZE_MAX
 
 
-def entry(
-    default: Any,
-    meaning: str,
-    allowed: str = "",
-    *,
-    default_from: str = "",
-    **limits: Any,
-) -> Any:
+def entry(default: Any, meaning: str, allowed: str = "", *, default_from: str = "", **limits: Any) -> Any:
     """Declare one key of a scene.
 
     Parameters

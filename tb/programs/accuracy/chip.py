@@ -167,10 +167,7 @@ def counts(made: Plan) -> Floats:
 
 
 def measured(
-    effects: Mapping[str, Any],
-    gate_clocks: int,
-    f_clk_hz: float = PAPER_HZ,
-    seeds: Sequence[int] = SEEDS,
+    effects: Mapping[str, Any], gate_clocks: int, f_clk_hz: float = PAPER_HZ, seeds: Sequence[int] = SEEDS
 ) -> float:
     """Return bits: the median over seeds, each with its own forces and noise."""
     duties = ((seed, random_duty(seed)) for seed in seeds)

@@ -397,10 +397,7 @@ def chosen(only: Sequence[str]) -> list[Section]:
 @click.option("--quick", is_flag=True, help="Fewer repetitions; not for the documentation.")
 @click.option("--repeat", type=click.IntRange(min=1), help="Runs of each median; default 5, with --quick 2.")
 @click.option(
-    "--only",
-    multiple=True,
-    metavar="NAME",
-    help="Only what makes the rows NAME and NAME.* (repeatable).",
+    "--only", multiple=True, metavar="NAME", help="Only what makes the rows NAME and NAME.* (repeatable)."
 )
 def bench_command(quick: bool, repeat: int | None, only: tuple[str, ...]) -> int:
     """Measure accuracy and speed; rows in build/bench.json, with --only these rows alone."""

@@ -170,13 +170,7 @@ def rows(engines: str, seed: int, scenes: int, total: Tally) -> Iterator[verdict
 @click.option("--short", is_flag=True, help="Run a few scenes.")
 @click.option("--found", type=click.Path(file_okay=False), default=str(FOUND), help="Directory of new cases.")
 def campaign_command(
-    scenes: int | None,
-    seed: int,
-    engines: str,
-    resume: bool,
-    processes: int,
-    short: bool,
-    found: str,
+    scenes: int | None, seed: int, engines: str, resume: bool, processes: int, short: bool, found: str
 ) -> int:
     """Run random scenes through the engines and check laws of the physics; rows in
     build/campaign.json.

@@ -34,10 +34,7 @@ def every_address(simulator: str, size: str, trap: Path | None = None) -> int:
 
 @pytest.mark.parametrize(
     ("simulator", "size"),
-    [
-        *(("icarus", size) for size in SIZES),
-        pytest.param("verilator", "17x9x12", marks=pytest.mark.long),
-    ],
+    [*(("icarus", size) for size in SIZES), pytest.param("verilator", "17x9x12", marks=pytest.mark.long)],
 )
 def test_every_address_is_the_register_of_the_map(simulator: str, size: str) -> None:
     addresses = every_address(simulator, size)
