@@ -364,21 +364,19 @@ class _Sum(namedtuple("_Sum", "shift rest whole error levels squares paths climb
 
 
 @_compiled
-def _add(sums, tally, left, number, factor, moves, b):  # type: ignore
+def _add(sums, tally, factor, moves, b):  # type: ignore
     """Add the bound of an effect; `moves` if it moves levels and not the charge that comes.
 
-    `tally` keeps its largest shift and error, `left` what is left of it in a quiet cell and in any
-    other one once the random numbers are drawn; either may be None. Without branches, or it takes
-    most of the time.
+    `tally` [4] keeps its largest shift and error, and what of it this cell is left with if it is
+    quiet, and if not, once the random numbers are drawn. Without branches, or it takes most of the
+    time.
     """
     rest, whole, random, path = factor * b.rest, factor * b.whole, factor * b.random, factor * b.path
     most = whole + random + path
-    if tally is not None:
-        caused = factor * abs(b.shift)
-        tally[number, 0] = caused if caused > tally[number, 0] else tally[number, 0]
-        tally[number, 1] = most if most > tally[number, 1] else tally[number, 1]
-    if left is not None:
-        left[number, 0], left[number, 1] = rest, whole + factor * b.drawn
+    caused = factor * abs(b.shift)
+    tally[0] = caused if caused > tally[0] else tally[0]
+    tally[1] = most if most > tally[1] else tally[1]
+    tally[2], tally[3] = rest, whole + factor * b.drawn
     return _Sum(
         sums.shift + factor * b.shift,
         sums.rest + rest,
@@ -394,39 +392,42 @@ def _add(sums, tally, left, number, factor, moves, b):  # type: ignore
 
 
 @_compiled
-def total(s, on, levels, tally, left):  # type: ignore
-    """Sum of the bounds that are on; the last three take what the others add up to."""
+def total(s, on, levels, tally):  # type: ignore
+    """Sum of the bounds that are on; the last three take what the others add up to.
+
+    `tally` [COUNT, 4] is as `_add` takes it.
+    """
     a = _Sum(0.0, 0.0, 0.0, 0.0, levels, 0.0, 0.0, 0.0, 0.0, 0.0)
     if on[0] > 0.0:
-        a = _add(a, tally, left, 0, on[0], False, Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0))
+        a = _add(a, tally[0], on[0], False, Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0))
     if on[1] > 0.0:
-        a = _add(a, tally, left, 1, on[1], False, _supply_ripple(s))
+        a = _add(a, tally[1], on[1], False, _supply_ripple(s))
     if on[2] > 0.0:
-        a = _add(a, tally, left, 2, on[2], False, _motion(s))
+        a = _add(a, tally[2], on[2], False, _motion(s))
     if on[3] > 0.0:
-        a = _add(a, tally, left, 3, on[3], False, _mirror_lag(s))
+        a = _add(a, tally[3], on[3], False, _mirror_lag(s))
     if on[4] > 0.0:
-        a = _add(a, tally, left, 4, on[4], True, _comparator_hysteresis(s))
+        a = _add(a, tally[4], on[4], True, _comparator_hysteresis(s))
     if on[5] > 0.0:
-        a = _add(a, tally, left, 5, on[5], True, _comparator_delay(s))
+        a = _add(a, tally[5], on[5], True, _comparator_delay(s))
     if on[9] > 0.0:
-        a = _add(a, tally, left, 9, on[9], True, _thermal_noise(s))
+        a = _add(a, tally[9], on[9], True, _thermal_noise(s))
     if on[10] > 0.0:
-        a = _add(a, tally, left, 10, on[10], True, _shot_noise(s))
+        a = _add(a, tally[10], on[10], True, _shot_noise(s))
     if on[11] > 0.0:
-        a = _add(a, tally, left, 11, on[11], True, _clock_jitter(s))
+        a = _add(a, tally[11], on[11], True, _clock_jitter(s))
     if on[12] > 0.0:
-        a = _add(a, tally, left, 12, on[12], True, _comparator_noise(s))
+        a = _add(a, tally[12], on[12], True, _comparator_noise(s))
     if on[13] > 0.0:
-        a = _add(a, tally, left, 13, on[13], True, _metastability(s))
+        a = _add(a, tally[13], on[13], True, _metastability(s))
     if on[14] > 0.0:
-        a = _add(a, tally, left, 14, on[14], True, _ktc_noise(s))
+        a = _add(a, tally[14], on[14], True, _ktc_noise(s))
     if on[15] > 0.0:
-        a = _add(a, tally, left, 15, on[15], False, _flicker_noise(s, a.levels))
+        a = _add(a, tally[15], on[15], False, _flicker_noise(s, a.levels))
     if on[6] > 0.0:
-        a = _add(a, tally, left, 6, on[6], True, _integrator_bandwidth(s, a.levels, a.error))
+        a = _add(a, tally[6], on[6], True, _integrator_bandwidth(s, a.levels, a.error))
     if on[7] > 0.0:
-        a = _add(a, tally, left, 7, on[7], False, _integrator_gain(s, a.levels, a.error))
+        a = _add(a, tally[7], on[7], False, _integrator_gain(s, a.levels, a.error))
     if on[8] > 0.0:
-        a = _add(a, tally, left, 8, on[8], True, _integrator_range(s, a.levels, a.error, on[8]))
+        a = _add(a, tally[8], on[8], True, _integrator_range(s, a.levels, a.error, on[8]))
     return a

@@ -407,7 +407,9 @@ def chain(lines, g_ground, lateral, step, end, sources, every, floor):  # type: 
                     work[i, n + 1 + j] = 0.0
                 work[i, n + 1 + i] = 1.0
             _invert(work, pivot, weights, z[r])
-            fresh[MEASURE], fresh[TOGETHER] = out[r], to_driver
+            # Element by element, here and below: numba compiles an assignment of arrays for two seconds.
+            for i in range(n):
+                fresh[MEASURE, i], fresh[TOGETHER, i] = out[r, i], to_driver[i]
             here[:] = 0.0
             _add_product(here, 1.0, fresh, z[r])
             v[r, : drives if every else ROWS + r] = 0.0
@@ -431,7 +433,9 @@ def chain(lines, g_ground, lateral, step, end, sources, every, floor):  # type: 
                 largest[f] = max(largest[f], v[r, MEASURE, i])
                 total += lines.to_driver[f, r, i] * v[r, ROWS + r, i]
             lift[f, r] = total / node[f, r] if node[f, r] > 0.0 else 0.0
-        last[f] = v[rows - 1]
+        for q in range(drives):
+            for i in range(n):
+                last[f, q, i] = v[rows - 1, q, i]
         _leaves(away[f], v, above, leak, end, every)
         missed, most, relative = _misses(
             v[:, : drives if every else 1], out, lines, f, share, lateral, step, end, floor

@@ -230,14 +230,6 @@ def _last(gate, table, g_column, mean, doubt, low, held, c, key):  # type: ignor
     return end + own, max(above + sample - own, 0.0) + lost + 2.0 * largest * doubt / most
 
 
-@_compiled
-def _worst(s, on, calm):  # type: ignore
-    """Number of the effect that leaves the most of a cell open."""
-    left = np.zeros((of.COUNT, 2))
-    of.total(s, on, 0.0, None, left)
-    return np.argmax(left[:, 0 if calm else 1])
-
-
 class Run(namedtuple("Run", "currents ends bends g_column idle swing_sum apart_lsb seed first")):
     """What `decide_cells` decides upon.
 
@@ -340,7 +332,7 @@ def _bound_cell(on, table, s, apart, c, tally):  # type: ignore
     Returns (sums over effects, shift, the part of the error that always holds, what grows with the path, whether the
     cell is quiet, whether a comparator with a window holds the packet before).
     """
-    a = of.total(s, on, abs(table[of.AWAY, c]) + table[of.PRESET, c], tally, None)
+    a = of.total(s, on, abs(table[of.AWAY, c]) + table[of.PRESET, c], tally)
     left, doubtful = of.late(s, a.loose, a.levels)
     if of.quiet(s, a.loose, a.levels):
         return a, a.shift + left, a.rest + doubtful + ROUNDING + apart, a.climb, True, left > doubtful
@@ -410,8 +402,10 @@ def decide_cells(gate, on, table, run, out, tally, ratios):  # type: ignore
                         run.idle[f] if way == 2 else still, kappas, row[INVERSE + way], row[BEGIN + way],
                         row[END + way],
                     )  # fmt: skip
-                    out.end[way, f, r] = row[END + way]
-                out.begin[f, r] = row[BEGIN + 2]
+                for c in range(cols):
+                    for way in range(3):
+                        out.end[way, f, r, c] = row[END + way, c]
+                    out.begin[f, r, c] = row[BEGIN + 2, c]
             of_row, swing_sum = noise.row_key(run.seed, run.first + f, r), run.swing_sum[f, r]
             for c in range(cols):
                 g_column, apart, key = run.g_column[f, c], run.apart_lsb[c], noise.key_in_row(of_row, c)
@@ -422,7 +416,7 @@ def decide_cells(gate, on, table, run, out, tally, ratios):  # type: ignore
                 out.x[f, r, c], out.shift[f, r, c], out.error[f, r, c] = s.x, shift, error
                 out.open[f, r, c], out.codes[f, r, c] = open_, code
                 if open_:
-                    out.blame[f, r, c] = _worst(s, on, calm)
+                    out.blame[f, r, c] = np.argmax(tally[:, 2 if calm else 3])
                 if ratio > 0.0:
                     ratios[sampled] = ratio
                     sampled += 1

@@ -217,6 +217,14 @@ def _widen(k, current, ceiling, g, e_down, e_up, offset_a):
 
 
 @_compiled
+def _copy(out, values):
+    """Element by element: numba compiles an assignment of arrays for two seconds."""
+    for r in range(out.shape[0]):
+        for c in range(out.shape[1]):
+            out[r, c] = values[r, c]
+
+
+@_compiled
 def _mode_variance(k, modes, solved_off, n, g, current, ceiling, u, taken, total, through, other, spread):
     """Fill in the variance of conductances by the errors of the network, `modes`."""
     networks, factors = modes
@@ -225,11 +233,11 @@ def _mode_variance(k, modes, solved_off, n, g, current, ceiling, u, taken, total
     spread[:] = 0.0
     for m in range(factors.shape[0]):
         if solved_off.size:
-            other[:] = solved_off[m, n, 0]
+            _copy(other, solved_off[m, n, 0])
         else:
             # A part of 1e-4 of the difference that counts: it is some per cent of the conductance.
             moved = current.copy()
-            other[:] = g
+            _copy(other, g)
             crosstalk.known_voltages(moved, column[m], offset[m], leak[m], lateral[m], u, taken)
             crosstalk.converge(
                 other, total, u, taken, k.v_bias, driven[m], ground[m], through, moved, ceiling, column[m],
@@ -335,7 +343,8 @@ def _decode_frames(k, codes, dt_s, modes, solved, solved_off, memory, results):
         force, low, high, flags = results[0][n], results[1][n], results[2][n], results[3][n]
         currents_of(k, codes[n], current, e_down, e_up, ceiling)
         if solved.size:
-            g[:], current[:] = solved[n, 0], solved[n, 1]
+            _copy(g, solved[n, 0])
+            _copy(current, solved[n, 1])
             good = not np.isnan(g[0, 0])
             crosstalk.known_voltages(current, k.r_column, k.v_offset, k.i_leak, k.g_lateral, u, taken)
             for r in range(rows):

@@ -116,7 +116,8 @@ def apply_frame(g, out, z, creep, loaded, fresh, radius, weight, per_decade):
         if radius.size and value < np.inf:
             x = _log(g[t])
             if fresh:
-                z[0, t, :] = x - radius
+                for k in range(radius.size):
+                    z[0, t, k] = x - radius[k]
             y = _value(x, z[0, t], radius, weight)
             _move(x, z[0, t], radius)
             value = np.exp(y) if y > LOG_OPEN + 1.0 else 0.0
@@ -153,7 +154,8 @@ def undo_frame(ends, near, state, frame, fresh, g_open, law):
             y_low, y_high = min(_log(low[t]), y - ROUNDING), max(_log(min(high[t], 1e300)), y + ROUNDING)
             b_low, b_high = min(_log(near_low[t]), y - ROUNDING), max(_log(near_high[t]), y + ROUNDING)
             if fresh:
-                z[0, t, :], z[1, t, :], z[2, t, :] = y - radius, y_low - radius, y_high - radius
+                for k in range(radius.size):
+                    z[0, t, k], z[1, t, k], z[2, t, k] = y - radius[k], y_low - radius[k], y_high - radius[k]
                 past[t, :] = y
                 moved[t, 0], moved[t, 1] = frame, 1
                 band[t, 0], band[t, 1] = b_low, b_high

@@ -42,7 +42,7 @@ _MEMORY = 60.0
 class Table:
     """Cells decided from the solved currents, decided once their noise was drawn, and walked; each effect's part.
 
-    `tally` [bounds.COUNT, 2] is that of `decide.decide_cells`, `blamed` [bounds.COUNT] counts walked cells by the
+    `tally` [bounds.COUNT, 4] is that of `decide.decide_cells`, `blamed` [bounds.COUNT] counts walked cells by the
     effect with the largest bound.
     """
 
@@ -52,7 +52,7 @@ class Table:
     walked: int = 0
     reason: str = ""
     looseness: list[float] = field(default_factory=list)
-    tally: Floats = field(default_factory=lambda: np.zeros((bounds.COUNT, 2)))
+    tally: Floats = field(default_factory=lambda: np.zeros((bounds.COUNT, 4)))
     blamed: NDArray[np.intp] = field(default_factory=lambda: np.zeros(bounds.COUNT, dtype=np.intp))
 
     def as_dict(self) -> dict[str, Any]:
