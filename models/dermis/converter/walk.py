@@ -260,15 +260,15 @@ def count_cells(
         walk_loops.plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
         _check_charge(end)
     else:
-        walk_cells(clocks, charge_delay, x, None, rows_of(cells, charge_delay), draws, 0, x.size, counts, end)
+        rows = rows_of(cells, charge_delay)
+        walk_cells(clocks, charge_delay, x[np.newaxis], rows, draws, 0, x.size, counts, end)
     return counts.reshape(shape), end.reshape(shape)
 
 
 def walk_cells(
     clocks: int,
     late: float,
-    x: Floats | None,
-    vary: Floats | None,
+    x: Floats,
     rows: Rows,
     draws: Noise | None,
     begin: int,
@@ -276,11 +276,11 @@ def walk_cells(
     counts: NDArray[np.int64],
     end: Floats,
 ) -> None:
-    """Count cells begin..stop-1 of `rows`; x or vary and the rest as for converter.walk_loops.walk."""
+    """Count cells begin..stop-1 of `rows`; x and the rest as for converter.walk_loops.walk."""
     of, keys = (None, None) if draws is None else draws
     step = None if of is None else walk_loops.grid_step(of[walk_loops.SIGMA], clocks)
     walk_loops.walk(
-        clocks, late, x, vary, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window,
+        clocks, late, x, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window,
         rows.limits, rows.lag, of, None if keys is None else keys.ravel(), step, begin, stop,
         counts, end,
     )  # fmt: skip
@@ -309,12 +309,12 @@ def _count_slots(
         keys = np.ascontiguousarray(keys.transpose(1, 0, 2))
         variance = _noise_variance(plan, g_taxel_s)
     by_row = {f.name: getattr(cells, f.name).transpose(1, 0, 2) for f in fields(Cells)}
-    rows = rows_of(Cells(**by_row), timing.charge_delay_clocks)
     counts, end = np.empty(g_taxel_s.size, dtype=np.int64), np.empty(g_taxel_s.size)
     across = slots.frames * slots.cols
     draws = None
     if keys is not None and plan.active_fields() & RANDOM - _SLOT_RANDOM:
         draws = Noise(np.zeros((4, g_taxel_s.size)), keys)
+    rows = rows_of(Cells(**by_row), timing.charge_delay_clocks)
     frame = np.arange(across) // slots.cols
     for row, block, charge, mean in slots.blocks(walk_loops.BLOCK):
         begin = row * across + block.start
@@ -323,16 +323,7 @@ def _count_slots(
             column = np.arange(block.start, block.stop) % slots.cols
             draws.rows[:, begin:stop] = noise_rows(converter, mean, variance[frame[block], 0, column], column)
         walk_cells(
-            timing.gate_clocks,
-            timing.charge_delay_clocks,
-            None,
-            charge,
-            rows,
-            draws,
-            begin,
-            stop,
-            counts,
-            end,
+            timing.gate_clocks, timing.charge_delay_clocks, charge, rows, draws, begin, stop, counts, end
         )
     back = (slots.rows, slots.frames, slots.cols)
     return counts.reshape(back).transpose(1, 0, 2), end.reshape(back).transpose(1, 0, 2)
@@ -404,7 +395,7 @@ def count_chosen(plan: Plan, chosen: Chosen) -> NDArray[np.int64]:
         if draws is not None:
             draws.rows[:, block] = noise_rows(converter, mean, variance[block], block)
         walk_cells(
-            timing.gate_clocks, timing.charge_delay_clocks, None, charge, rows, draws, block.start, block.stop,
-            counts, end,
+            timing.gate_clocks, timing.charge_delay_clocks, charge, rows, draws, block.start, block.stop, counts,
+            end,
         )  # fmt: skip
     return counts

@@ -518,7 +518,7 @@ def _decide_again(cells, grid, n, step, late, c, i, fast, early, window, limits,
 
 @numba.njit(cache=True, error_model="numpy")
 def walk(  # type: ignore
-    clocks, late, x, vary, slow, fast, latch, early, rise, window, limits, lag, noise, keys, step, begin,
+    clocks, late, x, slow, fast, latch, early, rise, window, limits, lag, noise, keys, step, begin,
     stop, counts, end,
 ):  # fmt: skip
     """Count the ones of `clocks` decisions for every cell; the charge after the last one into
@@ -528,10 +528,8 @@ def walk(  # type: ignore
     ----------
     clocks, late : int, float
         Decisions, and clocks between a decision and the beginning of its packet.
-    x : [n] or None
-        Charge a clock, where it is constant.
-    vary : [clocks, stop - begin] or None
-        Charge of every clock, where it is not.
+    x : [1 or clocks, stop - begin]
+        Charge of every clock, or the one charge of all clocks.
     slow, fast : [8, n]
         The two exponentials (`fast` None: bandwidth is infinite).
     latch : [2, n] or None
@@ -567,8 +565,6 @@ def walk(  # type: ignore
         for c in range(wide):
             i = first + c
             _load(cells, c, i, slow, fast, latch, early, rise, window)
-            if x is not None:
-                cells[X + c] = x[i]
             if limits is not None:
                 _load_limits(cells, c, i, fast, latch, limits, lag)
             if noise is not None:
@@ -581,10 +577,9 @@ def walk(  # type: ignore
                         sigma, left = cells[PATH + c], grid[c, n // step]
                         cells[CREEP + c] = sigma * (grid[c, n // step + 1] - left) / step
                         cells[DRIFT + c] = sigma * left
-            if vary is not None:
-                charge = vary[n]
+            if n < len(x):
                 for c in range(wide):
-                    cells[X + c] = charge[first - begin + c]
+                    cells[X + c] = x[n, first - begin + c]
             for c in range(wide):
                 _clock(cells, marks, c, fast, latch, early, window, limits, noise)
             if noise is not None or window is not None or limits is not None:
