@@ -39,9 +39,7 @@ def test_a_change_in_a_function_that_a_loop_calls_reaches_the_loop(tmp_path: Pat
         if dropped:
             drop_stale(kit)
         command = [sys.executable, "-c", "from kit.loop import loop; print(loop(10))"]
-        told = subprocess.run(
-            command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120
-        )  # a first compilation takes some seconds
+        told = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
         found.append(int(told.stdout))
     assert found == ([20, 30] if dropped else [20, 20])
     (kit / "beside.py").touch()

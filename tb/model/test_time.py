@@ -67,9 +67,8 @@ supply_ripple = { relative = 0.05, frequency_hz = 12345.0, phase_deg = 10 }
 
 def test_frames_after_1e12_clocks_read_as_the_first_ones(write_scene: Write) -> None:
     first = planning.load(write_scene(RIPPLE), "event")
-    late = dataclasses.replace(
-        first, first_frame=10**10
-    )  # a whole number of turns of every decimal frequency
+    # A whole number of turns of every decimal frequency.
+    late = dataclasses.replace(first, first_frame=10**10)
     assert late.first_frame * first.rows * first.timing.slot_clocks > LONG
     assert (event.run(first).info["x"] == event.run(late).info["x"]).all()
     off = dataclasses.replace(first, first_frame=10**10 + 1)

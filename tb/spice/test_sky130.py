@@ -171,9 +171,8 @@ def test_a_wrong_device_is_noticed(tmp_path: Path) -> None:
     bench = BENCHES["chain_k80"]
     short = dataclasses.replace(bench, body=bench.body.replace("mirror_fixed k=80", "mirror_fixed k=79"))
     lsb, fault = (benches.chain_lsb(measure(tmp_path, b, *CORNERS[0])) for b in (bench, short))
-    assert (fault[-1] - fault[0]) / (lsb[-1] - lsb[0]) == pytest.approx(
-        80 / 79, rel=1e-3
-    )  # r_out of the output
+    # 1e-3: the resistance of the output.
+    assert (fault[-1] - fault[0]) / (lsb[-1] - lsb[0]) == pytest.approx(80 / 79, rel=1e-3)
 
 
 # Transistors in three bins with their gates at mid rail, two of the first size.

@@ -166,6 +166,5 @@ def test_cases_see_an_engine_that_is_off_by_one(monkeypatch: pytest.MonkeyPatch)
 def test_cases_see_a_current_that_is_wrong_in_its_tenth_digit(monkeypatch: pytest.MonkeyPatch) -> None:
     right = networks.column_currents
     monkeypatch.setattr(networks, "column_currents", lambda network: right(network) * (1 + 1e-10))
-    assert networks.currents("one_open").error == pytest.approx(
-        1e-10, rel=0.01
-    )  # the last digits of a double
+    # 0.01: the last digits of a double.
+    assert networks.currents("one_open").error == pytest.approx(1e-10, rel=0.01)

@@ -259,10 +259,8 @@ def charges_of(
     if converter.inv_i_range_a.any() and converter.gain.all():
         squeeze = converter.inv_i_range_a * np.abs(converter.k * converter.i0_a / converter.gain)
     scratch = np.empty((settle + gate, WIDEST))
-    per_a, limit_a = (
-        converter.gain / (converter.k * converter.i0_a),
-        X_INFINITE * converter.k * converter.i0_a,
-    )
+    unit_a = converter.k * converter.i0_a
+    per_a, limit_a = converter.gain / unit_a, X_INFINITE * unit_a
     offset, most = converter.i_offset_a / converter.i0_a, converter.saturating_duty()
     kinds = 2 * depth + ((depth == cells[1]) | (lag is None))  # begins with the frame, or remembers nothing
     edges = [0, *(np.flatnonzero(kinds[1:] != kinds[:-1]) + 1).tolist(), kinds.size]

@@ -111,9 +111,8 @@ def _cells(converter: Converter, x: Floats, g_in_s: Floats | None) -> Cells:
     charge is lost.
     """
     packet_v = converter.packet_v()
-    amplitude = 1.0 / (
-        1.0 + converter.inv_gain_dc
-    )  # output of the integrator over the voltage of its capacitor
+    # Output of the integrator over the voltage of its capacitor.
+    amplitude = 1.0 / (1.0 + converter.inv_gain_dc)
     leak = across = np.zeros(x.shape)
     if g_in_s is not None:
         across = np.minimum(g_in_s / converter.c_int_f / converter.f_clk_hz, _LEAK_MAX)

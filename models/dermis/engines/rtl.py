@@ -132,9 +132,8 @@ def effect_bits(plan: Plan, models: Path = MODELS) -> int:
     places = value_places(models)
     names = {name for field in plan.active_fields() for name in BUILT_FOR.get(field, ())}
     if "LEAK" in names and plan.topology == "direct":
-        names.add(
-            "EACH_ROW"
-        )  # the load of the virtual ground differs from frame to frame, and with its neighbours from row to row
+        # The load of the virtual ground differs from frame to frame, and with its neighbours from row to row.
+        names.add("EACH_ROW")
     return sum(1 << places[name] for name in names)
 
 

@@ -62,9 +62,7 @@ def _leave() -> None:
     """End the watchdog and wait for it, so that a command leaves no process."""
     if _watchdog is not None and _watchdog.stdin is not None:
         _watchdog.stdin.close()
-        with contextlib.suppress(
-            subprocess.TimeoutExpired
-        ):  # stopped by somebody; it is not ours to wait for
+        with contextlib.suppress(subprocess.TimeoutExpired):  # stopped by somebody
             _watchdog.wait(STARTED_S)
 
 
