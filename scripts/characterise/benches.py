@@ -141,6 +141,66 @@ def row_driver(found: Found, side: str) -> dict[str, float]:
     return {f"row_driver_r_ohm.{side}": (found["none"] - found["full"]) / 16e-3}
 
 
+def row_change(found: Found) -> dict[str, float]:
+    """Return the largest current from the bias at a change of rows, and what of it goes to agnd, with both delays."""
+    return {
+        "row_change_peak_ma": -1e3 * found["lowest"],
+        "row_change_through_ma": 1e3 * found["through"],
+        "row_change_s.up": found["up"] - 100e-9,
+        "row_change_s.down": found["down"] - 600e-9,
+    }
+
+
+ORDERS = {
+    "analog_first": ("now", "later"), "digital_first": ("later", "now"), "together": ("now", "now"),
+    "no_digital": ("now", "never"), "no_analog": ("never", "now"),
+}  # fmt: skip
+"""Ramps of the analog and of the digital supply."""
+
+
+def _sequencing_body(ramp_s: float) -> str:
+    times = {"ramp": ramp_s, "late": 2 * ramp_s, "end": 3 * ramp_s, "step": ramp_s / 50, "stop": 4 * ramp_s}
+    given = {name: f"{value:.9g}" for name, value in times.items()}
+    ways = "".join(
+        body(
+            "sequencing_way",
+            order=f"{order}_{wanted}",
+            analog=analog,
+            digital=digital,
+            wanted=wanted,
+            **given,
+        )
+        for order, (analog, digital) in ORDERS.items()
+        for wanted in (0, 1)
+    )
+    return body("sequencing", ways=ways, **given)
+
+
+def sequencing(found: Found, ramp: str) -> dict[str, float]:
+    """Return the largest current of 16 rows and columns from the bias while supplies come up, by order."""
+    looked = ("through", 0), *((name, wanted) for name in ("before", "end") for wanted in (0, 1))
+    return {
+        f"sequencing_ma.{order}_{ramp}": 16e3
+        * max(abs(found[f"{name}_{order}_{wanted}"]) for name, wanted in looked)
+        for order in ORDERS
+    }
+
+
+def pedestal(found: Found) -> dict[str, float]:
+    """Return the pedestal of a column against 16 uA."""
+    return {"pedestal_error": found["at_0"] / 16e-6 - 1.0}
+
+
+def level(found: Found, block: str, nominal_v: float) -> dict[str, float]:
+    """Return the input at which a block's output turns, over a nominal one."""
+    return {f"{block}_v": found["level"] - nominal_v}
+
+
+def test_current(found: Found) -> dict[str, float]:
+    """Return the test current at 27 C, and that at 125 C over it."""
+    return {"test_current_a": found["at_27"], "test_current_ratio_125c": found["at_125"] / found["at_27"]}
+
+
 # ---- conveyor and mirror -------------------------------------------------------------------------------------
 
 SHARES = (0.0, 0.01, 0.02, 0.05, *(n / 10 for n in range(1, 11)))
@@ -395,7 +455,7 @@ def noise(found: Found, at: str) -> dict[str, float]:
 _EDGES_TRTOL = 1.0
 _UNITS = {
     "lsb": "lsb", "crosstalk": "lsb", "neighbour": "lsb", "error": "1", "ohm": "ohm", "v": "V", "a": "A", "s": "s",
-    "asymmetry": "s", "hz": "Hz", "db": "dB", "deg": "deg", "margin": "deg",
+    "asymmetry": "s", "125c": "1", "ma": "mA", "hz": "Hz", "db": "dB", "deg": "deg", "margin": "deg",
 }  # fmt: skip
 """SI unit by the last word of a quantity's name, up to the first dot."""
 _MEAS = re.compile(r"^\.?(?:meas \w+|print) (\w+)", re.MULTILINE)
@@ -457,10 +517,20 @@ _ALL = (
     _noise("packet", "vc", body("noise_packet", high_v=sky130.V_DIGITAL_V)),
     _bench("row_driver_driven", partial(row_driver, side="driven"), row_driver_body(1)),
     _bench("row_driver_held", partial(row_driver, side="held"), row_driver_body(0)),
+    _bench("test_current", test_current),
+    _bench("pedestal", pedestal),
+    _bench("row_sense", partial(level, block="row_sense", nominal_v=0.25)),
+    _bench("level_down", partial(level, block="level_down", nominal_v=0.0)),
+    _bench("row_change", row_change, trtol=1.0),
+    *(
+        _bench(f"sequencing_{ramp}", partial(sequencing, ramp=ramp), _sequencing_body(ramp_s))
+        for ramp, ramp_s in (("10us", 10e-6), ("10ms", 10e-3))
+    ),
 )
 BENCHES: dict[str, Bench] = {bench.name: bench for bench in _ALL}
 
-# Codes of 255 that a unit of a quantity is worth at x = 1/2, where it is worth most; by name up to the first dot.
+# Codes of 255 that a unit of a quantity is worth at x = 1/2, where it is worth most; by name up to the first dot. A
+# transient without any of them is not measured with another step or formula.
 CODES_A_UNIT: dict[str, float] = {
     "packet_error": 255.0,
     "chain_gain_error": 255.0,

@@ -28,7 +28,7 @@ from dermis.errors import InputError, SimulatorError, one_line
 from dermis.files import write_atomic
 from dermis.scene.design import ROOT
 from scripts import workers
-from scripts.characterise.benches import BENCHES, Bench, Condition, deck
+from scripts.characterise.benches import BENCHES, CODES_A_UNIT, Bench, Condition, deck
 
 KEPT = ROOT / "build" / "characterise" / "kept"
 FAILED = ROOT / "build" / "characterise" / "failed"
@@ -260,6 +260,7 @@ def jobs_of(
             for place in EXTREMES
             for name in names
             if _TRAN.search(BENCHES[name].body)
+            and CODES_A_UNIT.keys() & {q.partition(".")[0] for q in BENCHES[name].units}
         ]
     drawn = [replace(begin, sample=n) for n in range(1, last + 1)]
     return [

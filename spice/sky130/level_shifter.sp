@@ -4,6 +4,13 @@
 xnot d d_n vdd_d vss_d inverter_lv
 xshift d d_n on off vdd vss level_shifter_pair
 .ends level_shifter
+* The same for what must be off while the digital supply is missing: then v_missing is high and holds on low.
+.subckt level_shifter_low d on off vdd vss vdd_d vss_d
+xlevel d on off vdd vss vdd_d vss_d level_shifter
+xn_core v_missing vdd_d vss vss nmos w=5 l=0.5
+xp_core v_missing vdd_d vdd vdd pmos w=0.5 l=20
+xn_low on v_missing vss vss nmos w=5 l=0.5
+.ends level_shifter_low
 * The same with both edges of d equally late: d and its complement leave through two stages each, an inverter against
 * a transmission gate that is always on.
 .subckt level_shifter_matched d on off vdd vss vdd_d vss_d

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from pathlib import Path
 
 import pytest
 
 from dermis.chip import sky130, spice_batch
 from dermis.report import verdict
-from dermis.scene.design import TOPOLOGIES
+from dermis.scene.design import ROOT, TOPOLOGIES
 from scripts.characterise import benches
 from scripts.characterise.benches import BENCHES, Condition
 
@@ -24,11 +25,16 @@ corners = pytest.mark.parametrize(("corner", "celsius"), AT)
 
 
 def measure(
-    tmp_path: Path, bench: benches.Bench, corner: str, celsius: float, **condition: object
+    tmp_path: Path,
+    bench: benches.Bench,
+    corner: str,
+    celsius: float,
+    blocks: Path | None = None,
+    **condition: object,
 ) -> dict[str, float]:
-    """Run a bench of the sky130 view and return what ngspice found."""
+    """Run a bench of the sky130 view, or of a changed copy, and return what ngspice found."""
     deck = tmp_path / "bench.sp"
-    deck.write_text(benches.deck(bench.body, Condition(corner, celsius, **condition)))
+    deck.write_text(benches.deck(bench.body, Condition(corner, celsius, **condition), blocks=blocks))
     # Operating points of transistors start from gmin stepping, the ladder's second rung.
     return dict(spice_batch.run(deck, limit_s=bench.limit_s).values)
 
@@ -51,9 +57,10 @@ def within(found: dict[str, float]) -> None:
 
 # Benches in every run at the first corner, and in the long one at all; others in the long one only.
 SHORT = (
-    "amplifier chain_k80 conveyor_multi direct column comparator row_driver_driven row_driver_held".split()
-)
-LONG = "settling_low settling_high noise_full noise_low noise_packet noise_null".split()
+    "amplifier chain_k80 conveyor_multi direct column comparator row_driver_driven row_driver_held "
+    "test_current row_change sequencing_10us pedestal row_sense level_down"
+).split()
+LONG = "phase_margin sequencing_10ms settling_low settling_high noise_full noise_low noise_packet noise_null".split()
 
 
 def judged(found: dict[str, float], *names: str) -> dict[str, float]:
@@ -173,6 +180,58 @@ def test_a_wrong_device_is_noticed(tmp_path: Path) -> None:
     lsb, fault = (benches.chain_lsb(measure(tmp_path, b, *CORNERS[0])) for b in (bench, short))
     # 1e-3: the resistance of the output.
     assert (fault[-1] - fault[0]) / (lsb[-1] - lsb[0]) == pytest.approx(80 / 79, rel=1e-3)
+
+
+CLOSES_FIRST = {
+    "ground_on ground_off bias_p": "vss vdd bias_p",
+    "bias_on bias_off ground_p": "vss vdd ground_p",
+    "xn_on gate_on open vss vss nmos w=50 l=0.5 k=4": "xn_on gate_on open vss vss nmos w=50 l=0.5",
+    "xp_on gate_on open vdd vdd pmos w=50 l=0.5": "xp_on gate_on open vdd vdd pmos w=100 l=0.5 k=4",
+}
+"""A row driver without interlock whose switches close faster than they open."""
+UNDEFINED = {"xn_low on v_missing vss vss nmos w=5 l=0.5\n": ""}
+
+
+@pytest.mark.parametrize(
+    ("file", "changes", "bench", "celsius"),
+    [
+        ("row_driver.sp", CLOSES_FIRST, "row_change", 27.0),
+        ("level_shifter.sp", UNDEFINED, "sequencing_10us", 125.0),
+        (
+            "conveyor.sp",
+            {"xn_zero v_low vdd vss vss nmos w=1 l=10": "rzero v_low vss 1"},
+            "phase_margin",
+            27.0,
+        ),
+    ],
+    ids=["closes first", "undefined without the core", "no zero"],
+)
+def test_a_fault_of_a_block_is_noticed(
+    tmp_path: Path, file: str, changes: dict[str, str], bench: str, celsius: float
+) -> None:
+    blocks = shutil.copytree(ROOT / "spice" / "sky130", tmp_path / "blocks")
+    text = (blocks / file).read_text()
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    (blocks / file).write_text(text)
+    found = BENCHES[bench].values(measure(tmp_path, BENCHES[bench], "tt", celsius, blocks))
+    assert "FAIL" in {verdict.judge(f"sky130.{name}", value)["status"] for name, value in found.items()}, (
+        found
+    )
+
+
+def test_resistors_without_their_temperature_are_noticed(tmp_path: Path, monkeypatch) -> None:
+    """As ngspice reads the wheel by itself: it leaves the coefficients of a value that follows a voltage out."""
+    monkeypatch.setattr(sky130, "corrected", lambda file, passive: passive)
+    sky130._models.cache_clear()
+    try:
+        found = quantities(tmp_path, "test_current", "tt", 27.0)
+    finally:
+        sky130._models.cache_clear()
+    assert (
+        verdict.judge("sky130.test_current_ratio_125c", found["test_current_ratio_125c"])["status"] == "FAIL"
+    )
 
 
 # Transistors in three bins with their gates at mid rail, two of the first size.

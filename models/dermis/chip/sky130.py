@@ -115,21 +115,29 @@ def shared(file: Path, head: str, models: Sequence[str], end: str) -> list[str]:
     return [*models, head.replace(squares, factored), end]
 
 
-def held(file: Path, passive: str) -> str:
-    """A passive device whose resistance no longer follows its voltage above LAW_V, for both directions.
+def corrected(file: Path, passive: str) -> str:
+    """A passive device whose resistance follows the temperature, and no longer its voltage above LAW_V.
 
-    The fit of the poly resistor falls below zero ohm at 7 V a micrometer, and Newton's method has found operating
-    points out there: 1e15 V at a node of one draw of 100.
+    ngspice leaves the model of a resistor out where its value depends on a voltage, so the model's coefficients of
+    temperature are put into the value. The fit in voltage of the poly resistor falls below zero ohm at 7 V a
+    micrometer, and Newton's method has found operating points out there: 1e15 V at a node of one draw of 100.
 
     Raises
     ------
     InputError
         A resistor of the wheel is not of this form.
     """
-    voltage, law = "abs(v(t1,t2))", f"min(abs(v(t1,t2)),{LAW_V:g})"
-    if "v(t1,t2)" in passive and passive.count(voltage) != 1:
-        raise InputError(file, "rbody", "otherwise", f"{voltage} once")
-    return passive.replace(voltage, law)
+    if "v(t1,t2)" not in passive:
+        return passive
+    voltage, value = "abs(v(t1,t2))", "resbody r = {rbody*"
+    model = re.search(r"^\.model resbody r tc1 = \{(.+)\} tc2 = (\S+) tnom = (\S+)$", passive, re.MULTILINE)
+    if passive.count(voltage) != 1 or passive.count(value) != 1 or model is None:
+        raise InputError(
+            file, "rbody", "otherwise", f"{voltage} and {value} once; tc1, tc2 and tnom of resbody"
+        )
+    tc1, tc2, tnom = model.groups()
+    factor = f"(1+({tc1})*(temper-{tnom})+({tc2})*(temper-{tnom})**2)*"
+    return passive.replace(voltage, f"min({voltage},{LAW_V:g})").replace(value, value + factor)
 
 
 @cache
@@ -156,7 +164,7 @@ def _models(corner: str, mismatch: bool) -> str:
     for stem, devices in PASSIVES.items():
         file = base / f"{stem}.spice"
         text = text_of(file, WANTED)
-        parts += [held(file, subcircuit(file, text, name)) for name in devices]
+        parts += [corrected(file, subcircuit(file, text, name)) for name in devices]
     return "\n".join(parts) + "\n"
 
 
