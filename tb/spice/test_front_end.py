@@ -119,7 +119,8 @@ def test_the_front_end_starts_converts_senses_tests_and_stops(tmp_path: Path, co
     # a hundredth at most.
     assert 5e-12 * (found["fast_0"] - found["fast_1"]) / 0.4e-6 == pytest.approx(fast, rel=0.01)
     assert 5e-12 * (found["slow_0"] - found["slow_1"]) / 2e-6 == pytest.approx(slow, rel=0.02)
-    # Row 1 and the test current: the column's few millivolts. The test current goes with the poly's own coefficients.
+    # The test current goes with the poly's own coefficients.
     at_27, here = (1.0 - 2.47e-3 * (c - 25.0) + 2.7e-6 * (c - 25.0) ** 2 for c in (27.0, condition.celsius))
     i_test_a = design.load().calibration.i_test_a * at_27 / here
+    # Row 1 and the test current: the column's few millivolts are a hundredth of 0.5 V at most.
     assert -found["i_test"] == pytest.approx(0.55e-3 + i_test_a, rel=0.01)
