@@ -1,5 +1,5 @@
 * SPDX-License-Identifier: Apache-2.0
-* The level above vss at which a net of the analog supply becomes high for the core; the comparator swings from rail to rail.
+* The level above vss at which a net of the analog supply becomes high for the core.
 vin in vss 0
 xdut in out vdd_d vss_d level_down
 eout high 0 out vss_d 1

@@ -51,9 +51,9 @@ class Gate(
 class Solved(namedtuple("Solved", "x passed begin end shift error open codes blame")):
     """Results of `decide_cells`, [frames, rows, cols] each.
 
-    `x` mean duty. Of slow mirrors: `passed` [2, ...] packets that pass at least from the
-    start of a slot to its gate, and in the whole slot; `begin` the highest output where the gate begins; `end`
-    [3, ...] the output after each gate: as solved, the lowest and the highest possible.
+    `x` mean duty. Of slow mirrors: `passed` [2, ...] packets that pass at least from the start of a slot to its gate,
+    and in the whole slot; `begin` the highest output where the gate begins; `end` [3, ...] the output after each gate:
+    as solved, the lowest and the highest possible.
     `shift` and `error` of the level at the last decision in packets, before any noise is drawn. `blame` is the
     effect with the largest bound in an open cell.
     """
@@ -231,7 +231,7 @@ def _last(gate, table, g_column, mean, doubt, low, held, c, key):  # type: ignor
 
 
 class Run(namedtuple("Run", "currents ends bends g_column idle swing_sum apart_lsb seed first")):
-    """What `decide_cells` decides upon.
+    """Input of `decide_cells`, the same for all of its cells or an array over them.
 
     Of the column currents [frames, rows, cols] the part that follows the bias and the rest, two arrays each: `currents`
     where the gate begins, with motion also the `ends` and the `bends`. `g_column`, `idle` [frames, cols] conductance on

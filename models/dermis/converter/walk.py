@@ -308,12 +308,12 @@ def _count_slots(
         keys = np.ascontiguousarray(keys.transpose(1, 0, 2))
         variance = _noise_variance(plan, g_taxel_s)
     by_row = {f.name: getattr(cells, f.name).transpose(1, 0, 2) for f in fields(Cells)}
+    rows = rows_of(Cells(**by_row), timing.charge_delay_clocks)
     counts, end = np.empty(g_taxel_s.size, dtype=np.int64), np.empty(g_taxel_s.size)
     across = slots.frames * slots.cols
     draws = None
     if keys is not None and plan.active_fields() & RANDOM - _SLOT_RANDOM:
         draws = Noise(np.zeros((4, g_taxel_s.size)), keys)
-    rows = rows_of(Cells(**by_row), timing.charge_delay_clocks)
     frame = np.arange(across) // slots.cols
     for row, block, charge, mean in slots.blocks(walk_loops.BLOCK):
         begin = row * across + block.start

@@ -357,8 +357,17 @@ def _sample(cells, c, output, fast, latch, early, limits):  # type: ignore
 
 
 @_part
+def _charge(cells, c, a, b, fast):  # type: ignore
+    """Return the charge that belongs to both parts of an output."""
+    w = cells[WEIGHT_A + c] * a
+    if fast is not None:
+        w += cells[WEIGHT_B + c] * b
+    return w
+
+
+@_part
 def _stays(cells, c):  # type: ignore
-    """Whether an output may still be near its level at the next sample."""
+    """Return True if an output may still be near its level at the next sample."""
     return (abs(cells[X + c]) <= cells[STAY + c]) | (
         abs(cells[X + c] - cells[PACKET_A + c]) <= cells[STAY + c]
     )
@@ -410,9 +419,7 @@ def _clock(cells, marks, c, fast, latch, early, window, limits, noise):  # type:
     sample = _sample(cells, c, output, fast, latch, early, limits)
     one, mark = _decision(cells, c, sample, output, early, window, noise)
     if limits is not None:
-        w = cells[WEIGHT_A + c] * new_a
-        if fast is not None:
-            w += cells[WEIGHT_B + c] * new_b
+        w = _charge(cells, c, new_a, new_b, fast)
         mark = mark | (w < cells[NEAR_LOW + c]) | (w > cells[NEAR_HIGH + c])
     if window is not None:
         moved_end = output
@@ -483,9 +490,7 @@ def _decide_again(cells, grid, n, step, late, c, i, fast, early, window, limits,
     inside, clear, seen, state = True, False, False, False
     of_charge, of_sample, moved, active = 0.0, 0.0, 0.0, cells[RISE + c]
     if limits is not None:
-        w = cells[WEIGHT_A + c] * cells[A + c]
-        if fast is not None:
-            w += cells[WEIGHT_B + c] * cells[B + c]
+        w = _charge(cells, c, cells[A + c], cells[B + c], fast)
         inside = cells[NEAR_LOW + c] <= w <= cells[NEAR_HIGH + c]
     if window is not None:
         state = cells[WAS_UP + c] != 0.0
@@ -594,6 +599,4 @@ def walk(  # type: ignore
                             )  # fmt: skip
         for c in range(wide):
             i = first + c
-            counts[i], end[i] = int(cells[ONES + c]), slow[WEIGHT, i] * cells[A + c]
-            if fast is not None:
-                end[i] += fast[WEIGHT, i] * cells[B + c]
+            counts[i], end[i] = int(cells[ONES + c]), _charge(cells, c, cells[A + c], cells[B + c], fast)

@@ -33,7 +33,7 @@ Process = tuple[int, int]
 """Process id and the time it was started at, in ticks since boot: ids are used again."""
 
 
-def read(pid: int | str, name: str) -> bytes:
+def read(pid: int, name: str) -> bytes:
     """Return a file of /proc/PID; nothing for a process that is gone, or for another user's."""
     try:
         with open(f"/proc/{pid}/{name}", "rb") as file:
@@ -53,7 +53,7 @@ def identity(pid: int) -> Process | None:
     return None if not fields or fields[0] in (b"Z", b"X") else (pid, int(fields[19]))
 
 
-def _environment(pid: str) -> bytes:
+def _environment(pid: int) -> bytes:
     """Return the environment of a process; each entry has a zero before it.
 
     During execve a process has neither environment nor arguments: it is looked at again.
@@ -65,7 +65,7 @@ def _environment(pid: str) -> bytes:
             return b"\0" + found
         if read(pid, "cmdline"):
             return b"\0" + read(pid, "environ")
-        fields = status(int(pid))
+        fields = status(pid)
         if not fields or int(fields[6]) & NO_PROGRAM:
             return b""
         time.sleep(0.0005)
@@ -78,8 +78,7 @@ def marked(mark: str) -> set[Process]:
     for name in os.listdir("/proc"):
         if not name.isdigit() or int(name) == os.getpid():
             continue
-        process = identity(int(name))
-        environment = _environment(name)
+        process, environment = identity(int(name)), _environment(int(name))
         place = environment.find(entry)
         if process and place >= 0 and environment[place + len(entry) :][:1] in (b"/", b"\0", b""):
             found.add(process)
