@@ -21,7 +21,7 @@ MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
 .PHONY: help base demo docs report setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check calibrated campaign hard sweep characterise lint test formal fuzz mutate coverage schematics synth gl liberty bench \
-        waves generate gen-check calc clean faults extract equivalence
+        waves generate gen-check calc clean faults extract equivalence datasheet
 
 help: ## print this list
 	@echo 'make TARGET [NAME=value ...]'
@@ -82,6 +82,9 @@ extract: setup ## parameters of the channels in transistors, into models/extract
 
 equivalence: setup ## channels in transistors against their extracted models [ARGS="--only tt_27C --faults"]
 	@$(dermis) equivalence $(ARGS)
+
+datasheet: setup ## the chip in transistors in one table: INL, DNL, noise, ENOB, rejection, power [ARGS=--docs]
+	@$(dermis) datasheet $(ARGS)
 
 bench: setup ## speed and accuracy figures, into build/bench.json
 	@$(dermis) bench $(ARGS)

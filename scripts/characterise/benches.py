@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 
 from dermis.chip import sky130
-from dermis.scene.design import ROOT, TOPOLOGIES
+from dermis.scene.design import ROOT, TOPOLOGIES, load
 
 DECKS = ROOT / "spice" / "characterise"
 SUPPLY_V = 1.65
@@ -111,6 +111,18 @@ def reference(found: Found) -> dict[str, float]:
     return {"reference_error": -found["i_unit"] / 5e-6 - 1.0}
 
 
+def _reference_step_body() -> str:
+    lines = (
+        f"xout{n} gate cp line{n} vdd bias_output\nxline{n} line{n} vdd vss bias_line" for n in range(17)
+    )
+    return body("reference_step", outputs="\n".join(lines))
+
+
+def reference_step(found: Found) -> dict[str, float]:
+    """Return how far the voltage of the external resistor overshoots, over its step."""
+    return {"reference_overshoot": (found["most"] - found["after"]) / (found["after"] - found["before"])}
+
+
 AMPLIFIER, AMPLIFIER_OFFSET = body("amplifier"), body("amplifier_offset")
 
 
@@ -149,6 +161,11 @@ def row_change(found: Found) -> dict[str, float]:
         "row_change_s.up": found["up"] - 100e-9,
         "row_change_s.down": found["down"] - 600e-9,
     }
+
+
+def esd_clamp(found: Found) -> dict[str, float]:
+    """Return what the clamp takes of a discharge of 5 V, of a supply that rises in 10 us, and at rest."""
+    return {f"esd_clamp_a.{name}": -found[name] for name in ("zap", "ramp", "rest")}
 
 
 ORDERS = {
@@ -409,6 +426,62 @@ def settling(found: Found, side: str) -> dict[str, float]:
     return lsb | volts
 
 
+# ---- a channel, the front end --------------------------------------------------------------------------------
+
+
+def _channel_body(topology: str) -> str:
+    integrator = "xdut.v_int" if topology == "direct" else "xdut.xvfc.v_int"
+    ratio = "vk0 logic_k0 0 0\nvk1 logic_k1 0 1\n" if topology == "switched" else ""  # k = 80
+    return ratio + body(
+        "channel", topology=topology, integrator=integrator, pins="d_k0 d_k1" if ratio else ""
+    )
+
+
+def channel(found: Found, topology: str) -> dict[str, float]:
+    """Return errors of the integral of 1 kohm, in packets, and of a packet, and the comparator against the rails."""
+    sign = -1 if topology == "conveyor_mirror_inverted" else 1
+    slope_v = sign * (found["fast_0"] - found["fast_1"])
+    packet_v = sign * (found["after"] - found["before"]) + slope_v
+    return {
+        f"channel_error.slope.{topology}": slope_v / packet_v / 0.5 - 1.0,
+        f"channel_error.packet.{topology}": packet_v - 1.0,
+        f"channel_output_v.{topology}": max(abs(found[at] - found[f"{at}_rail"]) for at in ("low", "high")),
+    }
+
+
+def _front_end_body() -> str:
+    pins = " ".join({"r_ref": "r_ref_x", "vdd": "vdd_front"}.get(p, p) for p in sky130.front_end_pins(2, 2))
+    return body("front_end", front_end=sky130.front_end(2, 2).strip(), pins=pins)
+
+
+def poly(celsius: float) -> float:
+    """Return the resistance of the process's poly resistor over that at 25 C."""
+    return 1.0 - 2.47e-3 * (celsius - 25.0) + 2.7e-6 * (celsius - 25.0) ** 2
+
+
+def front_end(found: Found) -> dict[str, float]:
+    """Return errors of two columns, of a packet and of a test current, the worst digital output, and the supply."""
+    pedestal_a, bias_v = 16e-6, 0.45
+    fast_v, slow_v = found["fast_0"] - found["fast_1"], (found["slow_0"] - found["slow_1"]) / 5  # in 0.4 us
+    packet_v = found["after"] - found["before"] + fast_v
+    fast_a, slow_a = (volts / packet_v * 5e-12 / 0.4e-6 for volts in (fast_v, slow_v))
+    test_a = 0.55e-3 + 2 * load().calibration.i_test_a * poly(27.0) / poly(found["celsius"])
+    outputs = [
+        (name.partition("_")[0], value)
+        for name, value in found.items()
+        if "_sense" in name or "_comp" in name
+    ]
+    return {
+        "front_end_error.fast": fast_a / ((bias_v / 1e3 + pedestal_a) / 80) - 1.0,
+        "front_end_error.slow": slow_a / ((bias_v / 10e3 + pedestal_a) / 40) - 1.0,
+        "front_end_error.packet": packet_v - 1.0,
+        "front_end_error.test": -found["i_test"] / (test_a * bias_v / 0.5) - 1.0,
+        "front_end_output_v": max(abs(value - found[level]) for level, value in outputs),
+        "front_end_off_a": max(abs(found["i_off"]), abs(found["i_down"])),
+        "front_end_on_a": found["i_on"],
+    }
+
+
 # ---- supply --------------------------------------------------------------------------------------------------
 
 SUPPLY_BLOCKS = body("supply_blocks")
@@ -427,6 +500,30 @@ def supply(found: Found, topology: str) -> dict[str, float]:
     }
 
 
+def _supply_rejection_body() -> str:
+    columns = "".join(
+        body("supply_rejection_column", load=load, held=held)
+        for load, held in (("one", "1g"), ("all", "33.333"))
+    )
+    sources = ("vdd", "vdd_d", "vss", "vref", "vb")
+    analyses = "".join(body("supply_rejection_source", source=source) for source in sources)
+    return body("supply_rejection", columns=columns, analyses=analyses)
+
+
+def supply_rejection(found: Found) -> dict[str, float]:
+    """Return codes a millivolt on each supply, of mid-rail against ground, and on both references."""
+    loads = ("one", "all")
+    return {
+        **{
+            f"supply_rejection.{name}": max(found[f"{name}_{load}"] for load in loads)
+            for name in ("vdd", "vdd_d")
+        },
+        **{f"mid_rail_rejection.{load}": found[f"vss_{load}_gate"] for load in loads},
+        "reference_gain.vref": found["vref_one_slow"],
+        "reference_gain.vbias": found["vb_one_slow"],
+    }
+
+
 def supply_blocks(found: Found) -> dict[str, float]:
     """Return the current of each block of a channel from vdd."""
     return {f"supply_block_a.{name}": current for name, current in found.items()}
@@ -435,9 +532,13 @@ def supply_blocks(found: Found) -> dict[str, float]:
 # ---- noise ---------------------------------------------------------------------------------------------------
 
 
-def _noise(at: str, source: str, dut: str, share: str = "s^2", highest: str = "1meg") -> Bench:
-    text = body("noise", dut=dut.strip(), source=source, share=share, highest=highest)
+def _noise(at: str, text: str) -> Bench:
     return _bench(f"noise_{at}", partial(noise, at=at), text)
+
+
+def noise_body(source: str, dut: str, share: str = "s^2", highest: str = "1meg") -> str:
+    """Return the deck of the noise of a circuit: its source, share of the spectrum and highest frequency."""
+    return body("noise", dut=dut.strip(), source=source, share=share, highest=highest)
 
 
 def noise(found: Found, at: str) -> dict[str, float]:
@@ -456,6 +557,8 @@ _EDGES_TRTOL = 1.0
 _UNITS = {
     "lsb": "lsb", "crosstalk": "lsb", "neighbour": "lsb", "error": "1", "ohm": "ohm", "v": "V", "a": "A", "s": "s",
     "asymmetry": "s", "125c": "1", "ma": "mA", "hz": "Hz", "db": "dB", "deg": "deg", "margin": "deg",
+    "class": "1", "moved": "1", "rejection": "lsb/mV", "gain": "lsb/mV",
+    "overshoot": "1",
 }  # fmt: skip
 """SI unit by the last word of a quantity's name, up to the first dot."""
 _MEAS = re.compile(r"^\.?(?:meas \w+|print) (\w+)", re.MULTILINE)
@@ -469,7 +572,7 @@ def unit(quantity: str) -> str:
 def _bench(name: str, values: Values, text: str | None = None, **more: object) -> Bench:
     """Return a bench; its quantities are those that `values` makes of any measures of its deck."""
     text = body(name) if text is None else text
-    probe = {measure: 1.0 + 0.1 * n for n, measure in enumerate(dict.fromkeys(_MEAS.findall(text)))}
+    probe = {measure: 1.0 + 0.1 * n * n for n, measure in enumerate(dict.fromkeys(_MEAS.findall(text)))}
     units = {quantity: unit(quantity) for quantity in values(probe)}
     return Bench(name, text, values, units, **more)
 
@@ -477,6 +580,7 @@ def _bench(name: str, values: Values, text: str | None = None, **more: object) -
 _SIDES = ("sink", "source")
 _ALL = (
     _bench("reference", reference, samples=True),
+    _bench("reference_step", reference_step, _reference_step_body()),
     _bench("amplifier", amplifier),
     _bench("amplifier_offset", amplifier_offset, samples=True),
     _bench("chain_k80", partial(chain, k=80), _chain(80, "ibias vdd vss mirror_fixed k=80"), samples=True),
@@ -511,10 +615,11 @@ _ALL = (
         for name in TOPOLOGIES
     ),
     _bench("supply_blocks", supply_blocks, SUPPLY_BLOCKS),
-    _noise("full", "ix", body("noise_taxel", i="1m", r="500")),
-    _noise("low", "ix", body("noise_taxel", i="7.8u", r="64.25k")),
-    _noise("null", "vpreset", body("noise_null"), "1 + s^2 - 2*s*cos(turn)", "100meg"),
-    _noise("packet", "vc", body("noise_packet", high_v=sky130.V_DIGITAL_V)),
+    _bench("supply_rejection", supply_rejection, _supply_rejection_body()),
+    _noise("full", noise_body("ix", body("noise_taxel", k=80, i="1m", r="500"))),
+    _noise("low", noise_body("ix", body("noise_taxel", k=80, i="7.8u", r="64.25k"))),
+    _noise("null", noise_body("vpreset", body("noise_null"), "1 + s^2 - 2*s*cos(turn)", "100meg")),
+    _noise("packet", noise_body("vc", body("noise_packet", high_v=sky130.V_DIGITAL_V))),
     _bench("row_driver_driven", partial(row_driver, side="driven"), row_driver_body(1)),
     _bench("row_driver_held", partial(row_driver, side="held"), row_driver_body(0)),
     _bench("test_current", test_current),
@@ -522,6 +627,12 @@ _ALL = (
     _bench("row_sense", partial(level, block="row_sense", nominal_v=0.25)),
     _bench("level_down", partial(level, block="level_down", nominal_v=0.0)),
     _bench("row_change", row_change, trtol=1.0),
+    _bench("esd_clamp", esd_clamp),
+    *(
+        _bench(f"channel_{name}", partial(channel, topology=name), _channel_body(name))
+        for name in (*TOPOLOGIES, "switched")
+    ),
+    _bench("front_end", front_end, _front_end_body()),
     *(
         _bench(f"sequencing_{ramp}", partial(sequencing, ramp=ramp), _sequencing_body(ramp_s))
         for ramp, ramp_s in (("10us", 10e-6), ("10ms", 10e-3))

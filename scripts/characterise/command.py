@@ -30,7 +30,9 @@ def chosen(only: Sequence[str]) -> list[str]:
         found = [
             name
             for name, bench in BENCHES.items()
-            if name in (word, solved) or any(_covers(q, own) for q in quantities for own in bench.units)
+            if name in (word, solved)
+            or wanted in results.EVERY
+            or any(_covers(q, own) for q in quantities for own in bench.units)
         ]
         if not found:
             known = sorted({q.partition(".")[0] for b in BENCHES.values() for q in (*b.units, *SUMS)})

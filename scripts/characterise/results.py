@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -14,6 +15,7 @@ from dermis.report import verdict
 from dermis.report.verdict import Row
 from dermis.scene import scene
 from dermis.scene.design import ROOT, Limit
+from dermis.scene.schema import read_toml
 from scripts.characterise import benches
 from scripts.characterise.benches import BENCHES, CODES_A_UNIT, SUMS, Condition
 from scripts.characterise.runs import CELSIUS, TYPICAL, Job, Outcome
@@ -27,6 +29,14 @@ The files of models are named after their content; the samples are mismatch at t
 somewhere has no quantities there."""
 
 PREFIX = "sky130"
+RECORD = benches.DECKS / "typical.toml"
+"""Every quantity at typical, as `dermis extract` last recorded it: a change of a circuit moves one, within its limit or
+not."""
+MOVED = 0.005
+"""Share of its own size, or of the farther end of its limit, by which a quantity may be off its record."""
+CLASS = "device_class"
+EVERY = (CLASS, "moved")
+"""Rows over every bench: transistors that it takes outside their class, and quantities off their record."""
 
 
 @dataclass
@@ -38,6 +48,7 @@ class Series:
     values: dict[str, float] = field(default_factory=dict)  # by place, as `--at` and `--sample` take it
     typical: float | None = None  # the value at typical, if it was measured there
     faults: dict[str, str] = field(default_factory=dict)  # where it was not measured -> why
+    told: dict[str, str] = field(default_factory=dict)  # where -> what else there is to say of the value
 
     @property
     def limit(self) -> Limit | None:
@@ -60,7 +71,8 @@ class Series:
 
     def command(self, where: str) -> str:
         """Return the line that measures this quantity there and nothing else."""
-        return f"dermis characterise --only {PREFIX}.{self.only} {where}"
+        # A place of a row over every bench has the bench in it.
+        return f"dermis characterise {'' if self.only in EVERY else f'--only {PREFIX}.{self.only} '}{where}"
 
     def row(self) -> Row:
         """Return its verdict: FAIL where a value misses, else ERROR where one is not there."""
@@ -73,7 +85,7 @@ class Series:
             return verdict.error(name, told, unit)
         worst = self.worst
         least, most = min(self.values.values()), max(self.values.values())
-        note = f"{least:.4g} .. {most:.4g} at {len(self.values)}; `{self.command(worst)}`"
+        note = f"{least:.4g} .. {most:.4g} at {len(self.values)}; `{self.command(worst)}`{self.told.get(worst, '')}"
         row = verdict.measured(name, self.values[worst], unit, f"{told}; {note}" if told else note)
         return row | {"status": "ERROR"} if told and row["status"] == "PASS" else row
 
@@ -107,6 +119,25 @@ def limit_of(name: str) -> Limit | None:
         return verdict.limit(f"{PREFIX}.{name}")
     except KeyError:
         return None
+
+
+def record(outcomes: Mapping[Job, Outcome]) -> None:
+    """Write RECORD from the jobs at typical."""
+    values = {name: value for outcome in outcomes.values() for name, value in outcome.values.items()}
+    head = "# SPDX-License-Identifier: Apache-2.0\n# Written by dermis extract: the benches at typical.\n"
+    write_atomic(RECORD, head + "".join(f'"{name}" = {values[name]:.8g}\n' for name in sorted(values)))
+
+
+def moved(values: Mapping[str, float]) -> list[str]:
+    """Say which quantities at typical are off their record, or have none."""
+    known, found = read_toml(RECORD), []
+    for name, value in values.items():
+        limit, old = limit_of(name), known.get(name, math.nan)
+        ends = (limit.min, limit.max) if limit else ()
+        size = max([abs(old), *(abs(end) for end in ends if end is not None)])
+        if not abs(value - old) <= MOVED * size:
+            found.append(f"{name} {old:.4g} -> {value:.4g}")
+    return found
 
 
 def series(outcomes: Mapping[Job, Outcome]) -> list[Series]:
@@ -144,6 +175,13 @@ def series(outcomes: Mapping[Job, Outcome]) -> list[Series]:
             change = max(values.values()) - min(values.values())
             add(f"drift.{quantity}", quantity, f"--at {corner},*,{supply:g}", change)
     for job, outcome in outcomes.items():
+        if outcome.measured is not None and not job.numerics:
+            said = {CLASS: sky130.outside_class(outcome.measured.exceeded)}
+            said |= {"moved": moved(outcome.values)} if job.condition == TYPICAL and not outcome.fault else {}
+            where = f"--only {job.bench} {_where(job.condition)}"
+            for name, names in said.items():
+                add(name, name, where, len(names))
+                found[name].told[where] = ": " + "; ".join(names[:3]) if names else ""
         if job.numerics:
             name = f"numerics_lsb.{job.bench}.{job.numerics}"
             add(name, name, _where(job.condition), *_moved(job, outcome, outcomes))

@@ -17,7 +17,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -52,6 +52,7 @@ class Measured:
     values: Mapping[str, float]  # by lower-case name of its `.meas`
     rungs: tuple[str, ...] = ()  # what was given up on the way, in words (docs/ladder.md)
     seconds: float = 0.0  # wall clock of ngspice
+    exceeded: Mapping[str, Sequence[float]] = field(default_factory=dict)  # as of spice_batch.Measured
 
 
 @lru_cache(256)
@@ -109,7 +110,8 @@ def kept(name: str) -> Measured | None:
     """Return the stored result of a hash, or None."""
     try:
         told = json.loads((KEPT / f"{name}.json").read_text(encoding="utf-8"))
-        return Measured(dict(told["values"]), tuple(told["rungs"]), float(told["seconds"]))
+        seconds, exceeded = float(told["seconds"]), dict(told["exceeded"])
+        return Measured(dict(told["values"]), tuple(told["rungs"]), seconds, exceeded)
     except (OSError, ValueError, KeyError, TypeError):  # none, or not one of ours
         return None
 
@@ -137,7 +139,7 @@ def simulate(text: str, limit_s: float, failed: Path | None = None) -> Measured:
             shutil.copytree(folder, place, dirs_exist_ok=True)
             raise SimulatorError(error.what, place / path.with_suffix(".log").name) from error
     rungs = tuple(str(retry) for retry in found.retries)
-    return Measured(dict(found.values), rungs, time.monotonic() - start)
+    return Measured(dict(found.values), rungs, time.monotonic() - start, dict(found.exceeded))
 
 
 def measured(
@@ -187,14 +189,14 @@ class Job:
     condition: Condition
     numerics: str = ""
 
-    def deck(self) -> str:
-        """Return the whole deck."""
+    def deck(self, blocks: Path | None = None) -> str:
+        """Return the whole deck, of spice/sky130 or of a changed copy."""
         bench = BENCHES[self.bench]
         body, options = NUMERICS[self.numerics](bench)
         # A bench that leaves ngspice its own has the deck without the word, not another one.
         options = ({} if bench.trtol == Bench.trtol else {"trtol": bench.trtol}) | options
         words = (f"{n}={v if isinstance(v, str) else format(v, 'g')}" for n, v in options.items())
-        return deck(body, self.condition, " ".join(words))
+        return deck(body, self.condition, " ".join(words), blocks)
 
 
 @dataclass(frozen=True)

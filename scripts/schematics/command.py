@@ -244,7 +244,7 @@ def statement(subckt: Subckt, name: str, text: Mapping[str, Subckt]) -> str:
     if name not in subckt.elements:
         return "none"
     words, pairs = subckt.elements[name]
-    passive = {"m": "1"} if words[-1].startswith(PASSIVES) else {}
+    passive = {"m": "1", "mult": "1"} if words[-1].startswith(PASSIVES) else {}
     defaults = text[words[-1]].parameters if words[-1] in text else passive
     return " ".join((name, *words, *(f"{k}={v}" for k, v in sorted((defaults | pairs).items()))))
 
@@ -310,6 +310,34 @@ def compare(text: Mapping[str, Subckt], sheets: Mapping[str, Subckt]) -> list[Ro
     ]
 
 
+DRAWN_UM = {"res": (0.35, 0.69, 1.41, 2.85, 5.73), "cap": (2.0, 30.0)}
+"""Widths of a high-sheet poly resistor that the process has; least and largest side of a plate of its generator."""
+SUBSTRATE = ("vss", "vss_d", "b")
+"""Names of the substrate: `b` is that of a device that is made of others."""
+
+
+def undrawable(text: Mapping[str, Subckt]) -> list[str]:
+    """Name the elements that no layout holds.
+
+    A resistor of another width or a plate of another size, a multiplier that mismatch does not see, and a resistor or
+    nmos on a net other than the substrate, which is one.
+    """
+    found = []
+    for name, subckt in text.items():
+        for element, (words, pairs) in subckt.elements.items():
+            good = not words[-1].startswith("nmos") or words[3] in SUBSTRATE
+            if words[-1].startswith(PASSIVES):
+                least, most = sorted(float(pairs[side]) for side in ("w", "l"))
+                plate = DRAWN_UM["cap"][0] <= least <= most <= DRAWN_UM["cap"][1]
+                strip = float(pairs["w"]) in DRAWN_UM["res"] and words[2] in SUBSTRATE
+                good = pairs.get("m") == pairs.get("mult") and (strip if "res" in words[-1] else plate)
+            if not good:
+                found.append(
+                    f"{name} {element}: {' '.join((*words, *(f'{k}={v}' for k, v in pairs.items())))}"
+                )
+    return found
+
+
 def pictures(target: Path) -> None:
     """Draw every sheet as SVG into a directory."""
     target.mkdir(parents=True, exist_ok=True)
@@ -322,7 +350,9 @@ def pictures(target: Path) -> None:
 def schematics_command() -> int:
     """Compare every sheet with its netlist; draw the sheets into build/schematics."""
     pictures(WORK)
-    rows = compare(written(), drawn(WORK))
+    rows = compare(text := written(), drawn(WORK))
+    odd = undrawable(text)
+    rows.append(verdict.within("schematics.undrawable", len(odd), "passives", 0, 0, "; ".join(odd)))
     verdict.write_rows("schematics", rows)
     verdict.print_rows(rows, "Sheets against netlists")
     return verdict.exit_code(rows)

@@ -10,6 +10,7 @@ rone one x 500
 rother other x 64.25k
 rheld x 0 35.714
 cx x 0 400p
+xesd x vdd vss esd_pad
 xnull x y d_preset agnd ibias vdd vss vdd_d vss_d offset_null
 xconveyor y x z ibias vdd vss conveyor
 xmirror z sum ibias vdd vss mirror_fixed k=80

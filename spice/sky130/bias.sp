@@ -3,7 +3,7 @@
 * A start current of 2 uA through a poly resistor feeds the amplifier; its spread of +-20 % changes only loop gain.
 .subckt bias vref r_ref v_gate v_cp vdd vss
 * amplifier: pair, mirror load, tail
-xstart vdd v_start vss sky130_fd_pr__res_xhigh_po w=1 l=600
+xstart vdd v_start vss sky130_fd_pr__res_xhigh_po w=0.69 l=403
 xn_start v_start v_start vss vss nmos w=5 l=4
 xn_tail v_tail v_start vss vss nmos w=5 l=4 k=2
 xn_ref v_gate vref v_tail vss nmos w=40 l=4
@@ -14,7 +14,7 @@ xp_gate v_gate v_load vdd vdd pmos w=10 l=6
 xn_cp v_cp v_start vss vss nmos w=5 l=4
 xp_cp v_cp v_cp vdd vdd pmos w=1 l=5
 xr v_gate v_cp r_ref vdd bias_output
-xc_gate vdd v_gate sky130_fd_pr__cap_mim_m3_1 w=100 l=100
+xc_gate vdd v_gate sky130_fd_pr__cap_mim_m3_1 w=28.75 l=28.75 m=12 mult=12
 .ends bias
 * One output of the bank: 10 uA into out, from gate and cascode line of the reference. Only a current leaves for a
 * channel, so no voltage between reference and channel changes a packet.
@@ -38,7 +38,7 @@ xn_line v_line ibias vss vss nmos_long k=2
 xn_linec ibias vcn v_line vss nmos w=5 l=0.5 k=2
 xbias_p ibias vbp vdd vss bias_p
 xbias_cn vbp vcn vdd vss bias_cascode_n
-xc_line ibias vss sky130_fd_pr__cap_mim_m3_1 w=50 l=50
+xc_line ibias vss sky130_fd_pr__cap_mim_m3_1 w=28.8 l=28.8 m=3 mult=3
 .ends bias_line
 * Gate lines that a block derives from ibias: p for 10 uA in a pmos w=20 l=2, and those of its cascodes.
 .subckt bias_p ibias vbp vdd vss

@@ -3,8 +3,6 @@
 .subckt channel_direct col d_charge d_preset comp vref agnd ibias vdd vss vdd_d vss_d params: k=80
 xline ibias vdd vss bias_line
 xintegrator col agnd d_preset v_int vref ibias vdd vss vdd_d vss_d integrator_direct
-* 400 sources disturb their bias line with every step of their pair; 200 pF hold it (packet error 0.5 % without).
-xc_line ibias vss sky130_fd_pr__cap_mim_m3_1 w=50 l=50 m=40
 xcharge d_charge col ibias vdd vss vdd_d vss_d charge_source units=400
 xcomparator agnd v_int comp ibias vdd vss comparator
 .ends channel_direct

@@ -6,9 +6,9 @@
 .subckt charge_source d_charge out ibias vdd vss vdd_d vss_d params: units=5
 xbias_p ibias vbp vdd vss bias_p
 xbias_cn vbp vcn vdd vss bias_cascode_n
-xr_high vdd v_high vss sky130_fd_pr__res_xhigh_po w=1 l=145 m={units/5}
-xr_swing v_high v_low vss sky130_fd_pr__res_xhigh_po w=1 l=125 m={units/5}
-xr_low v_low vss vss sky130_fd_pr__res_xhigh_po w=1 l=145 m={units/5}
+xr_high vdd v_high vss sky130_fd_pr__res_xhigh_po w=0.69 l=97.5 m={units/5} mult={units/5}
+xr_swing v_high v_low vss sky130_fd_pr__res_xhigh_po w=0.69 l=84 m={units/5} mult={units/5}
+xr_low v_low vss vss sky130_fd_pr__res_xhigh_po w=0.69 l=97.5 m={units/5} mult={units/5}
 xsteer d_charge on off v_high v_low vdd vss vdd_d vss_d steering_driver units={units}
 xn_source v_source ibias vss vss nmos_long k={units}
 xn_casc v_tail vcn v_source vss nmos w=5 l=0.5 k={units}
@@ -22,9 +22,9 @@ xn_dump vdd vdd v_dump vss nmos w=5 l=0.5 k={units}
 xbias_p ibias vbp vdd vss bias_p
 xbias_cn vbp vcn vdd vss bias_cascode_n
 xbias_cp ibias vcp vdd vss bias_cascode_p
-xr_high vdd v_high vss sky130_fd_pr__res_xhigh_po w=1 l=195
-xr_swing v_high v_low vss sky130_fd_pr__res_xhigh_po w=1 l=125
-xr_low v_low vss vss sky130_fd_pr__res_xhigh_po w=1 l=95
+xr_high vdd v_high vss sky130_fd_pr__res_xhigh_po w=0.69 l=131
+xr_swing v_high v_low vss sky130_fd_pr__res_xhigh_po w=0.69 l=84
+xr_low v_low vss vss sky130_fd_pr__res_xhigh_po w=0.69 l=63.8
 xsteer d_charge on off v_high v_low vdd vss vdd_d vss_d steering_driver units={units}
 * A separate gate line from as many units as it feeds, because their mismatch adds: mirrors match at one width and one
 * drain voltage. Without the two cascodes the unit has 1.4 V at ss, the source 0.5 V, and the packet is 5 % too small.
@@ -44,6 +44,6 @@ xp_dump vss vss v_dump vdd pmos w=10 l=0.5 k={units}
 xlevel d_charge full_on full_off vdd vss vdd_d vss_d level_shifter_matched
 xon full_off on v_high v_low vss inverter k={units/5}
 xoff full_on off v_high v_low vss inverter k={units/5}
-xc_high v_high vss sky130_fd_pr__cap_mim_m3_1 w=30 l=30 m={units/5}
-xc_low v_low vss sky130_fd_pr__cap_mim_m3_1 w=30 l=30 m={units/5}
+xc_high v_high vss sky130_fd_pr__cap_mim_m3_1 w=30 l=30 m={units/5} mult={units/5}
+xc_low v_low vss sky130_fd_pr__cap_mim_m3_1 w=30 l=30 m={units/5} mult={units/5}
 .ends steering_driver

@@ -20,12 +20,12 @@ xp_source v_source vbp vdd vdd pmos w=16 l=2 k=2
 xp_casc col vcp v_source vdd pmos w=16 l=0.5 k=2
 .ends pedestal
 * Test current: 0.9 mA from vbias into the column while d_test is high, a taxel of known resistance. With the pedestal a
-* channel 9 % high still counts it. 552 ohm of poly, 3 in the switch; 16 000 um2 are equal to 0.037 % (one sigma) in
-* the columns of a chip, 0.1 code at full scale. The sheet's spread of 4 % is one gain of the whole chip.
+* channel 9 % high still counts it. 552 ohm of poly, 3 in the switch; 42 strips, 16 000 um2, are equal to 0.037 % (one
+* sigma) in the columns of a chip, 0.1 code at full scale. The sheet's spread of 4 % is one gain of the whole chip.
 .subckt test_current d_test col vbias vdd vss vdd_d vss_d
 xlevel d_test small_on small_off vdd vss vdd_d vss_d level_shifter_low
 xon small_off on vdd vss vss inverter k=20
 xoff small_on off vdd vss vss inverter k=20
-xr_taxel vbias v_taxel vss sky130_fd_pr__res_xhigh_po w=240 l=66.62
+xr_taxel vbias v_taxel vss sky130_fd_pr__res_xhigh_po w=5.73 l=66.2 m=42 mult=42
 xs_taxel v_taxel col on off vdd vss switch k=1000
 .ends test_current

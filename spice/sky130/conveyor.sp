@@ -9,10 +9,10 @@
 .subckt conveyor y x z ibias vdd vss
 xamp y x v_amp ibias vdd vss ota pairs=1 branches=1
 xr_zero v_amp v_zero vss sky130_fd_pr__res_xhigh_po w=1.41 l=8.5
-xc_zero v_zero v_low sky130_fd_pr__cap_mim_m3_1 w=80 l=80
-xn_zero v_low vdd vss vss nmos w=1 l=10
-xc_amp v_amp vss sky130_fd_pr__cap_mim_m3_1 w=20 l=20
-xn_follow vdd v_amp v_gate vss nmos w=20 l=0.5 k=2
+xc_zero v_zero v_low sky130_fd_pr__cap_mim_m3_1 w=28.2 l=28.2 m=8 mult=8
+xn_zero v_low vdd vss vss nmos w=0.8 l=8
+xc_amp v_amp vss sky130_fd_pr__cap_mim_m3_1 w=22 l=22
+xn_follow vdd v_amp v_gate vss nmos w=16 l=0.5 k=2
 xn_sink v_gate ibias vss vss nmos w=5 l=2 k=4
 xp_x z v_gate x x pmos w=20 l=0.5 k=50
 xbias_p ibias vbp vdd vss bias_p

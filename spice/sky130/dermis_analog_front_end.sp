@@ -18,10 +18,11 @@
 + d_preset d_enable vbias vref r_ref agnd vdd vss vdd_d vss_d
 xbias vref r_ref v_gate v_cp vdd vss bias
 xenable d_enable v_gate vdd vss vdd_d vss_d power_down
-xr_high vbias v_half vss sky130_fd_pr__res_xhigh_po w=1 l=50
-xr_low v_half agnd vss sky130_fd_pr__res_xhigh_po w=1 l=50
+xr_high vbias v_half vss sky130_fd_pr__res_xhigh_po w=0.69 l=33.6
+xr_low v_half agnd vss sky130_fd_pr__res_xhigh_po w=0.69 l=33.6
 xout_ibias_rows v_gate v_cp ibias_rows vdd bias_output
 xline_rows ibias_rows vdd vss bias_line
+xclamp vdd vss esd_clamp
 xrow0 d_row0 row0 vbias agnd vdd vss vdd_d vss_d row_driver
 xsense0 row0 d_sense0 v_half ibias_rows vdd vss vdd_d vss_d row_sense
 xrow1 d_row1 row1 vbias agnd vdd vss vdd_d vss_d row_driver
@@ -86,4 +87,40 @@ xout_ibias14 v_gate v_cp ibias14 vdd bias_output
 xcolumn14 col14 d_charge14 d_preset d_range28 d_range29 d_test14 comp14 vbias vref agnd ibias14 vdd vss vdd_d vss_d column
 xout_ibias15 v_gate v_cp ibias15 vdd bias_output
 xcolumn15 col15 d_charge15 d_preset d_range30 d_range31 d_test15 comp15 vbias vref agnd ibias15 vdd vss vdd_d vss_d column
+xesd_row0 row0 vdd vss esd_pad
+xesd_row1 row1 vdd vss esd_pad
+xesd_row2 row2 vdd vss esd_pad
+xesd_row3 row3 vdd vss esd_pad
+xesd_row4 row4 vdd vss esd_pad
+xesd_row5 row5 vdd vss esd_pad
+xesd_row6 row6 vdd vss esd_pad
+xesd_row7 row7 vdd vss esd_pad
+xesd_row8 row8 vdd vss esd_pad
+xesd_row9 row9 vdd vss esd_pad
+xesd_row10 row10 vdd vss esd_pad
+xesd_row11 row11 vdd vss esd_pad
+xesd_row12 row12 vdd vss esd_pad
+xesd_row13 row13 vdd vss esd_pad
+xesd_row14 row14 vdd vss esd_pad
+xesd_row15 row15 vdd vss esd_pad
+xesd_col0 col0 vdd vss esd_pad
+xesd_col1 col1 vdd vss esd_pad
+xesd_col2 col2 vdd vss esd_pad
+xesd_col3 col3 vdd vss esd_pad
+xesd_col4 col4 vdd vss esd_pad
+xesd_col5 col5 vdd vss esd_pad
+xesd_col6 col6 vdd vss esd_pad
+xesd_col7 col7 vdd vss esd_pad
+xesd_col8 col8 vdd vss esd_pad
+xesd_col9 col9 vdd vss esd_pad
+xesd_col10 col10 vdd vss esd_pad
+xesd_col11 col11 vdd vss esd_pad
+xesd_col12 col12 vdd vss esd_pad
+xesd_col13 col13 vdd vss esd_pad
+xesd_col14 col14 vdd vss esd_pad
+xesd_col15 col15 vdd vss esd_pad
+xesd_vbias vbias vdd vss esd_pad
+xesd_vref vref vdd vss esd_pad
+xesd_r_ref r_ref vdd vss esd_pad
+xesd_agnd agnd vdd vss esd_pad
 .ends dermis_analog_front_end

@@ -9,7 +9,7 @@ xamp vcm iin v_amp ibias vdd vss ota
 * After the capacitor the amplifier has only the line iin as load, a tenth of its 3 pF: 1 pF keeps it stable.
 xc_amp v_amp vss sky130_fd_pr__cap_mim_m3_1 w=22 l=22
 xs_unity iin v_amp on off vdd vss switch
-xc_int out iin sky130_fd_pr__cap_mim_m3_1 w=50 l=49.7
+xc_int out iin sky130_fd_pr__cap_mim_m3_1 w=28.7 l=28.735 m=3 mult=3
 xs_preset out vref on off vdd vss switch
 xs_out out v_amp off on vdd vss switch k=2
 .ends integrator
@@ -20,7 +20,7 @@ xlevel d_preset on off vdd vss vdd_d vss_d level_shifter
 xamp vcm iin v_amp ibias vdd vss ota
 xc_amp v_amp vss sky130_fd_pr__cap_mim_m3_1 w=22 l=22
 xs_unity iin v_amp on off vdd vss switch
-xc_int v_far v_near sky130_fd_pr__cap_mim_m3_1 w=50 l=49.7
+xc_int v_far v_near sky130_fd_pr__cap_mim_m3_1 w=28.7 l=28.735 m=3 mult=3
 xs_level v_near vref on off vdd vss switch
 xs_ground v_far vcm on off vdd vss switch
 xs_near v_near iin off on vdd vss switch k=2
@@ -28,8 +28,8 @@ xs_far v_far v_amp off on vdd vss switch k=2
 xs_out out v_far off on vdd vss switch
 * During preset out must be away from the decision level; the supply is accurate enough.
 xs_hold out v_hold on off vdd vss switch
-xr_low vss v_hold vss sky130_fd_pr__res_xhigh_po w=1 l=57.5
-xr_high v_hold vcm vss sky130_fd_pr__res_xhigh_po w=1 l=25
+xr_low vss v_hold vss sky130_fd_pr__res_xhigh_po w=0.69 l=38.6
+xr_high v_hold vcm vss sky130_fd_pr__res_xhigh_po w=0.69 l=16.8
 .ends integrator_inverted
 * For the direct interface: 80 times the current, 80 times the capacitor (without that of the column line).
 .subckt integrator_direct iin vcm d_preset out vref ibias vdd vss vdd_d vss_d
@@ -37,7 +37,7 @@ xlevel d_preset small_on small_off vdd vss vdd_d vss_d level_shifter
 xon small_off on vdd vss vss inverter k=20
 xoff small_on off vdd vss vss inverter k=20
 xamp vcm iin v_amp ibias vdd vss ota pairs=320 branches=320
-xc_int out iin sky130_fd_pr__cap_mim_m3_1 w=50 l=49.7 m=80
+xc_int out iin sky130_fd_pr__cap_mim_m3_1 w=28.7 l=28.735 m=240 mult=240
 xs_unity iin v_amp on off vdd vss switch k=40
 xs_preset out vref on off vdd vss switch k=40
 xs_out out v_amp off on vdd vss switch k=160

@@ -18,6 +18,7 @@ from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.scene import design
 from dermis.scene.extracted import CIRCUIT
+from dermis.scene.schema import read_toml
 from scripts.characterise import benches, command, results, runs
 from scripts.characterise.benches import BENCHES, Bench, Condition, deck
 from scripts.characterise.command import characterise_command, chosen
@@ -134,7 +135,10 @@ def test_the_command_passes_fails_and_gives_up_with_an_exit_code_each(
         code = called("--only", "reference", "--only", "row_driver_held", "--at", "tt,27,1", "--jobs", "1")
         rows = json.loads((build / "build" / "characterise_part.json").read_text())
         (row,) = [row for row in rows if row["name"] == "sky130.row_driver_r_ohm.held"]
-        assert {other["status"] for other in rows if other != row} == {"PASS"}
+        others = {other["name"]: other["status"] for other in rows if other != row}
+        # What has two ohm more is off its record as well.
+        assert others.pop("sky130.moved") == ("FAIL" if row["status"] == "FAIL" else "PASS")
+        assert set(others.values()) == {"PASS"}
         return code, row
 
     code, row = run(held)
@@ -190,7 +194,8 @@ def test_a_whole_run_is_63_conditions_100_draws_and_the_numerics() -> None:
     assert drawn.items() >= dict.fromkeys(("chain_k80", "vfc_sink", "comparator", "reference"), 100).items()
     transients = {name for name, bench in BENCHES.items() if ".tran" in bench.body}
     # What no code is made of is not measured in another way.
-    apart = {"row_change", "sequencing_10us", "sequencing_10ms"}
+    apart = {"esd_clamp", "row_change", "sequencing_10us", "sequencing_10ms", "reference_step", "front_end"}
+    apart |= {name for name in BENCHES if name.startswith("channel_")}
     assert {job.bench for job in jobs if job.numerics} == transients - apart
 
 
@@ -226,6 +231,45 @@ def test_a_sum_is_of_sizes_and_lacks_what_a_part_lacks() -> None:
     assert whole.values == {"--at tt,27,1": pytest.approx(0.6), "--at ss,27,1": pytest.approx(0.3)}
     assert whole.faults == {"--at ff,27,1": "gave up"}
     assert found["typical.code_inl_lsb.sink"].row()["status"] == "FAIL"
+
+
+def test_what_moves_off_its_record_is_seen_though_it_is_within_its_limit() -> None:
+    known = read_toml(results.RECORD)
+    assert known.keys() == {name for bench in BENCHES.values() for name in bench.units}, "run: dermis extract"
+    assert results.moved(known) == []
+    # Half a percent of the limit, 0.02, is 1e-4.
+    name = "packet_error.sink"
+    assert results.moved({name: known[name] + 0.9e-4}) == []
+    assert [said.split()[0] for said in results.moved({name: known[name] - 1.1e-4})] == [name]
+    assert results.moved({"no_such_quantity": 1.0})
+    right = runs.Outcome({name: known[name]}, "", runs.Measured({}))
+    wrong = dataclasses.replace(right, values={name: known[name] + 0.01})
+    for outcome, count in ((right, 0), (wrong, 1)):
+        found = results.series({Job("vfc_sink", Condition()): outcome})
+        (row,) = [one.row() for one in found if one.name == "moved"]
+        assert (row["value"], row["status"] == "PASS") == (count, count == 0), row
+
+
+def test_a_transistor_outside_its_class_is_a_row_with_its_name() -> None:
+    switch, core = "m.x.xm.msky130_fd_pr__pfet_g5v0d10v5 Vgd", "m.y.xm.msky130_fd_pr__nfet_01v8 Vgs"
+    cases = {
+        "edge": ({switch: (4.2, 2e-9), core: (1.97, 1e-9)}, 0),
+        "stands": ({switch: (3.7, 1e-6)}, 1),
+        "beyond": ({switch: (5.6, 1e-9), core: (2.2, 1e-9)}, 2),
+        "at rest": ({core: (3.3, float("inf"))}, 1),
+    }
+    for name, (exceeded, count) in cases.items():
+        outcome = runs.Outcome({}, "", runs.Measured({}, exceeded=exceeded))
+        (one,) = [
+            o
+            for o in results.series({Job("comparator", Condition("ss")): outcome})
+            if o.name == results.CLASS
+        ]
+        row = one.row()
+        assert row["value"] == count, name
+        assert all(device in row["note"] for device in exceeded) == (count > 0), row["note"]
+        assert "--only comparator --at ss,27,1" in row["note"]
+    assert set(chosen(["sky130.device_class"])) == set(BENCHES)
 
 
 # ---- benches ----------------------------------------------------------------------------------------------------

@@ -20,7 +20,8 @@ from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.scene import extracted, scene
 from dermis.scene.schema import read_toml
-from tb.programs.equivalence import columns, command, faults, gate
+from scripts.characterise.benches import BENCHES
+from tb.programs.equivalence import columns, command, faults, gate, rules
 from tb.programs.equivalence.gate import Case
 from tb.reference.converter_walk import walk_reference
 
@@ -179,3 +180,42 @@ def test_the_gate_notices_a_wrong_device_in_the_netlist(tmp_path: Path) -> None:
     faulty = faults.LOOP.column(faults.written("wrong_ratio", tmp_path))
     row = command.fault_row("wrong_ratio", columns.records([faulty], 1, work=tmp_path)[0])
     assert row["status"] == "PASS", row
+
+
+# ---- faults by rule ------------------------------------------------------------------------------------------
+
+
+def test_every_rule_makes_a_change_of_one_line() -> None:
+    found = rules.faults()
+    assert {re.sub(r"\d", "", fault.kind) for fault in found} == {
+        "missing",
+        "half",
+        "oxide",
+        "bulk",
+        "rail",
+        "neighbour",
+    }
+    assert len({fault.name for fault in found}) == len(found) > 400
+    for fault in found:
+        assert fault.wrong != fault.line
+        assert fault.wrong == "" or fault.wrong.split()[0] == fault.line.split()[0]
+
+
+# What an outsider found to pass everything.
+FOUND = [
+    "level_down.xfirst.oxide",
+    "dermis_analog_front_end.xbias.rail1",
+    "bias_line.xc_line.rail2",
+    "bias.xc_gate.rail1",
+    "conveyor.xc_amp.rail2",
+    "dermis_analog_front_end.xr_high.half",
+    "dermis_analog_front_end.xsense0.neighbour1",
+    "dermis_analog_front_end.xcolumn0.neighbour1",
+    "test_current.xs_taxel.rail5",
+]
+
+
+@pytest.mark.parametrize("name", [*FOUND[:2], *(pytest.param(n, marks=pytest.mark.long) for n in FOUND[2:])])
+def test_what_an_outsider_seeded_is_noticed(name: str, tmp_path: Path) -> None:
+    (fault,) = [fault for fault in rules.faults() if fault.name == name]
+    assert rules.noticed(fault, tmp_path).partition(":")[0] in BENCHES

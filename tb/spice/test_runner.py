@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from ngspice_batch import SECTIONS, SPICE, Bench, run
 
+from dermis.chip import spice_batch
 from dermis.errors import SimulatorError
 
 BENCHES = sorted(p.stem for p in (SPICE / "bench").glob("*.sp"))
@@ -106,3 +107,24 @@ def test_every_block_has_a_bench() -> None:
     used = {b for b in blocks if re.search(rf"(?m)^xdut\w* .*\b{b}\b", decks)}
     inside = {"conveyor_multi"}  # a DUT of channel_multi_output_conveyor__dc only as part of it
     assert blocks - used <= inside
+
+
+def test_how_long_a_device_is_beyond_its_class_is_read_from_the_steps() -> None:
+    """Two edges apart, one that goes on while the steps widen, and what the operating point has."""
+    steps = {
+        "edges": (1e-6, 1.001e-6, 1.2e-6, 1.2005e-6),
+        "goes on": (1e-6, 1.001e-6, 1.004e-6, 1.01e-6, 1.03e-6),
+    }
+    steps["stands"] = (0.0, 1e-6)
+    said = "".join(
+        f"Instance: m.{name[:2]} Model: nhv.7 Time: {t:g} Vgs=-{3.7 + n / 10:g} has exceeded Vgs_max=3.64\n"
+        for name, times in steps.items()
+        for n, t in enumerate(times)
+    )
+    said += "Instance: m.dc Model: nhv.7 Vgd=3.9 has exceeded Vgd_max=3.64\nother = 1.0\n"
+    found = spice_batch._exceeded(said)
+    assert found.keys() == {"m.ed Vgs", "m.go Vgs", "m.st Vgs", "m.dc Vgd"}
+    # Times have six digits, and both edges of a nanosecond or half of one are apart.
+    assert found["m.ed Vgs"] == (pytest.approx(4.0), pytest.approx(1e-9, abs=1e-12))
+    assert found["m.go Vgs"] == (pytest.approx(4.1), pytest.approx(3e-8, abs=1e-12))
+    assert found["m.st Vgs"][1] == found["m.dc Vgd"][1] == float("inf")

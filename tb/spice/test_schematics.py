@@ -53,6 +53,23 @@ def test_a_change_of_the_text_is_found(fault, text, sheets):
     assert wrong == {f"schematics.{file.removesuffix('.sp')}"}
 
 
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("bias.sp", "w=0.69 l=403", "w=1 l=403"),
+        ("conveyor.sp", "w=22 l=22", "w=31 l=22"),
+        ("column.sp", "m=42 mult=42", "m=42"),
+        ("bias.sp", "xstart vdd v_start vss", "xstart vdd v_start vdd"),
+        ("ota.sp", "xn_cascn out vcn v_mn vss", "xn_cascn out vcn v_mn v_mn"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(text, file, old, new):
+    source = (command.TEXT / file).read_text(encoding="utf-8")
+    assert source.count(old) == 1
+    assert command.undrawable(text) == []
+    assert len(command.undrawable(command.parse(source.replace(old, new), Path(file)))) == 1
+
+
 SHEET_FAULTS = {
     "width": ("name=xn_inp w=20", "name=xn_inp w=21"),
     "net": ("lab=v_foldp", "lab=v_foldn"),

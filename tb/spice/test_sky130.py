@@ -199,7 +199,7 @@ UNDEFINED = {"xn_low on v_missing vss vss nmos w=5 l=0.5\n": ""}
         ("level_shifter.sp", UNDEFINED, "sequencing_10us", 125.0),
         (
             "conveyor.sp",
-            {"xn_zero v_low vdd vss vss nmos w=1 l=10": "rzero v_low vss 1"},
+            {"xn_zero v_low vdd vss vss nmos w=0.8 l=8": "rzero v_low vss 1"},
             "phase_margin",
             27.0,
         ),

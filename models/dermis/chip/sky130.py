@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -24,10 +24,16 @@ TRANSISTORS = {"nfet_g5v0d10v5": "hv", "pfet_g5v0d10v5": "hv", "nfet_01v8": "lv"
 PASSIVES = {
     "models_capacitors": ("cap_mim_m3_1", "model__parasitic__cap_p2ps"),
     "models_resistors": ("res_xhigh_po",),
+    "models_diodes": ("diode_pd2nw_11v0", "diode_pw2nd_11v0"),
 }
 
 LAW_V = 4.0
 """Above the largest voltage between two nodes of the chip: 3.3 V and 10 %."""
+
+CLASS_V = {"hv": 3.63, "lv": 1.95}
+"""Between two terminals of a transistor, by its oxide: 3.3 V and 10 %, the highest supply of the 1.8 V libraries."""
+EDGE_V, EDGE_S = {"hv": 5.5, "lv": 2.145}, 20e-9
+"""What it may have at an edge, no longer than this: 10 % above what the oxide is for, 5 V and 1.95 V."""
 
 
 @cache
@@ -86,6 +92,15 @@ def at_corner(model: str, name: str, oxide: str) -> str:
     return re.sub(
         r"(?<=\s)toxe = (\S+)", rf"toxe = {{\1+0.3*(sw_tox_{oxide}_corner-sw_tox_{oxide}_nom)}}", model
     )
+
+
+def within_class(model: str, oxide: str) -> str:
+    """A transistor's bin with the voltage of its class, which ngspice checks at every step with `.options warn=1`."""
+    # 10 mV for rails that are that far apart, and a node that floats at one.
+    limits = " ".join(
+        f"v{pair}_max={CLASS_V[oxide] + 0.01:g}" for pair in ("gs", "gd", "gb", "ds", "bs", "bd")
+    )
+    return re.sub(r"^\.model \S+ [np]mos", rf"\g<0> {limits}", model)
 
 
 def bins(subckt: str) -> tuple[str, list[str], str]:
@@ -160,7 +175,7 @@ def _models(corner: str, mismatch: bool) -> str:
         models = [model.replace("rbodymod = 1", "rbodymod = 0") for model in models]
         if transistors != "tt":  # at tt nothing moves
             models = [at_corner(model, name, oxide) for model in models]
-        parts += shared(file, head, models, end)
+        parts += shared(file, head, [within_class(model, oxide) for model in models], end)
     for stem, devices in PASSIVES.items():
         file = base / f"{stem}.spice"
         text = text_of(file, WANTED)
@@ -195,8 +210,9 @@ def models(corner: str = "tt", mismatch: bool = False) -> Path:
 V_REF_V = 0.5
 """Reference voltage of spice/sky130/bias.sp over agnd: 10 uA through its resistor."""
 
-V_DIGITAL_V = 1.8
-"""Supply of the digital core, from vss_d to vdd_d; vss_d is the board's ground, as vss is."""
+V_DIGITAL_V, V_DIGITAL_MAX_V = 1.8, 1.95
+"""Supply of the digital core, from vss_d to vdd_d, and the highest of its libraries; vss_d is the board's ground, as
+vss is."""
 
 REFERENCE = (
     "vagnd agnd 0 0",
@@ -223,7 +239,7 @@ MIRROR_RATIOS = [20, 40, 80, 160]
 
 def logic_v(scale: float = 1.0) -> float:
     """Return the level of a high digital net over vss_d."""
-    return V_DIGITAL_V * scale
+    return min(V_DIGITAL_V * scale, V_DIGITAL_MAX_V)
 
 
 def logic(name: str, scale: float = 1.0) -> str:
@@ -245,7 +261,18 @@ def deck_head(
         f'.include "{models(corner, mismatch)}"',
         f'.include "{folder / "blocks.inc"}"',
         f".temp {temperature_c:g}",
+        ".options warn=1 maxwarns=1000000000",  # the class of every transistor, at every step
     )
+
+
+def outside_class(exceeded: Mapping[str, Sequence[float]]) -> list[str]:
+    """Name the transistors that a deck took outside their class, from `spice_batch.Measured.exceeded`."""
+    found = []
+    for device, (volts, seconds) in exceeded.items():
+        oxide = next(oxide for name, oxide in TRANSISTORS.items() if f"__{name} " in device)
+        if volts > EDGE_V[oxide] or seconds > EDGE_S:
+            found.append(f"{device} {volts:.3g} V for {seconds:.2g} s")
+    return found
 
 
 def front_end_pins(rows: int, cols: int) -> list[str]:
@@ -262,10 +289,11 @@ def front_end(rows: int, cols: int) -> str:
     lines = [
         "xbias vref r_ref v_gate v_cp vdd vss bias",
         f"xenable d_enable v_gate {rails} power_down",
-        "xr_high vbias v_half vss sky130_fd_pr__res_xhigh_po w=1 l=50",
-        "xr_low v_half agnd vss sky130_fd_pr__res_xhigh_po w=1 l=50",
+        "xr_high vbias v_half vss sky130_fd_pr__res_xhigh_po w=0.69 l=33.6",
+        "xr_low v_half agnd vss sky130_fd_pr__res_xhigh_po w=0.69 l=33.6",
         bias_current("ibias_rows"),
         "xline_rows ibias_rows vdd vss bias_line",
+        "xclamp vdd vss esd_clamp",
     ]
     for r in range(rows):
         lines.append(f"xrow{r} d_row{r} row{r} vbias agnd {rails} row_driver")
@@ -275,6 +303,12 @@ def front_end(rows: int, cols: int) -> str:
         lines.append(bias_current(f"ibias{c}"))
         lines.append(f"xcolumn{c} {inputs} comp{c} vbias vref agnd ibias{c} {rails} column")
     pins = front_end_pins(rows, cols)
+    pads = [
+        pin
+        for pin in pins
+        if pin in ("vbias", "vref", "r_ref", "agnd") or pin.rstrip("0123456789") in ("row", "col")
+    ]
+    lines += [f"xesd_{pad} {pad} vdd vss esd_pad" for pad in pads]
     head = [" ".join(pins[n : n + 12]) for n in range(0, len(pins), 12)]
     return "\n".join(
         [

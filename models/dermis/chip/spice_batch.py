@@ -33,6 +33,11 @@ _ERROR = re.compile(
     r"^.*(?:\berror\b|fatal|singular matrix|unknown subckt|no such|undefined|out of interval).*$",
     re.MULTILINE | re.IGNORECASE,
 )
+# The check of ngspice against the v.._max of a model (`.options warn=1`): a line for each device, pair and step.
+_EXCEEDED = re.compile(
+    rf"^Instance: (\S+) Model: \S+(?: Time: ({_NUMBER}))? (V\w\w)=({_NUMBER}) has exceeded.*\n",
+    re.MULTILINE,
+)
 _TIME = re.compile(rf"time\s*=\s*({_NUMBER})", re.IGNORECASE)
 # ngspice takes two OpenMP threads for transistors and ignores OMP_NUM_THREADS. On a busy machine they spin
 # while they wait for each other, and a deck takes ten times as long.
@@ -47,6 +52,9 @@ class Measured:
 
     values: Mapping[str, float]
     retries: tuple[ladder.Retry, ...]
+    exceeded: Mapping[str, tuple[float, float]]
+    """Device and pair of terminals that went beyond a v.._max of its model -> largest volts, longest seconds (inf
+    where it stands)."""
 
 
 @functools.cache
@@ -78,11 +86,31 @@ def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -
     """
     tool = tool_path(*_TOOL)
     rungs = ladder.Climb(deck.stem, level)
-    values = ladder.climb(lambda level: _attempt(tool, deck, limit_s, level), rungs)
-    return Measured(values, tuple(rungs.retries))
+    values, exceeded = ladder.climb(lambda level: _attempt(tool, deck, limit_s, level), rungs)
+    return Measured(values, tuple(rungs.retries), exceeded)
 
 
-def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level) -> dict[str, float]:
+def _exceeded(said: str) -> dict[str, tuple[float, float]]:
+    """Return what `Measured.exceeded` has, from the lines of ngspice's check."""
+    steps: dict[str, list[tuple[float, float]]] = {}
+    for device, time, pair, volts in _EXCEEDED.findall(said):
+        steps.setdefault(f"{device} {pair}", []).append((float(time or 0.0), abs(float(volts))))
+    found = {}
+    for name, points in steps.items():
+        begin = before = points[0][0]
+        longest = math.inf if begin == 0.0 else 0.0  # what the operating point has stands
+        for now, _ in points:
+            # ngspice widens its steps after an edge, so one that goes on has none longer than thrice the time since.
+            if now - before > 2e-9 + 3.0 * (before - begin):
+                begin = now
+            before, longest = now, max(longest, now - begin)
+        found[name] = max(volts for _, volts in points), longest
+    return found
+
+
+def _attempt(
+    tool: str, deck: Path, limit_s: float, level: ladder.Level
+) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
     log = deck.with_suffix(".log")
     text = deck.read_text()
     wanted = [name.lower() for _, name in _MEAS.findall(text)]
@@ -94,6 +122,7 @@ def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level) -> dict
         extra += _guess(tool, deck, text, extra, limit_s)
         start = ladder.START[0]
     said, code = _ngspice(tool, deck, _with(text, extra, [start.optran]), limit_s)
+    exceeded, said = _exceeded(said), _EXCEEDED.sub("", said)
     if found := _ABORT.search(said):
         time = _TIME.search(said)
         steps = time is not None or "initial timepoint" in said
@@ -108,7 +137,8 @@ def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level) -> dict
         raise SimulatorError(f"ngspice, {deck.stem}: did not measure {', '.join(missing)}{why}", log)
     if code:
         raise SimulatorError(f"ngspice, {deck.stem}: exit code {code}", log)
-    return {name: values[f"full_{name}"] for name in wanted} | {name: values[name] for name in printed}
+    found = {name: values[f"full_{name}"] for name in wanted} | {name: values[name] for name in printed}
+    return found, exceeded
 
 
 def _ngspice(tool: str, deck: Path, text: str, limit_s: float) -> tuple[str, int]:

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 import os
 from collections.abc import Sequence
 from typing import Any
@@ -16,8 +18,11 @@ from dermis.report.verdict import Row
 from dermis.scene import design as design_module
 from dermis.scene import extracted
 from dermis.scene.design import ROOT
-from scripts.characterise import runs
-from tb.programs.equivalence import columns, extract, faults, gate
+from scripts import workers
+from scripts.characterise import results, runs
+from scripts.characterise.benches import BENCHES
+from scripts.checkpoint import Checkpoint
+from tb.programs.equivalence import columns, extract, faults, gate, rules
 from tb.programs.equivalence.columns import Column, Slot
 from tb.programs.equivalence.gate import Case
 
@@ -33,6 +38,9 @@ def extract_command(check: bool) -> int:
         rows = [stale_row()]
         verdict.print_rows(rows)
         return verdict.exit_code(rows)
+    typical = runs.Runs(runs.Job(name, runs.TYPICAL) for name in BENCHES)
+    typical.run(2, lambda done: None)
+    results.record(typical.outcomes)
     with progress.slots("extract", len(gate.CONDITIONS), "conditions") as tell:
         for done, at in enumerate(gate.CONDITIONS, 1):
             wanted = [(case.topology, case.k) for case in gate.everything() if case.condition == at]
@@ -105,7 +113,9 @@ def fault_row(kind: str, slots: list[Slot] | str) -> Row:
 
 def fault_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
     """Put the seeded faults to the gate: a row each, and the share of those noticed."""
-    kinds = chosen({kind: kind for kind in faults.FAULTS}, only)
+    kinds = [kind for kind in faults.FAULTS if not only or any(word in kind for word in only)]
+    if not kinds:
+        return []
     asked = [faults.LOOP.column(faults.written(kind, columns.WORK / "faults")) for kind in kinds]
     found = _records("faults", asked, jobs, fresh)
     rows = [fault_row(kind, slots) for kind, slots in zip(kinds, found, strict=True)]
@@ -114,6 +124,29 @@ def fault_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
     return [
         *rows,
         verdict.judge("equivalence.faults_caught", sum(known) / len(known) if known else None, note),
+    ]
+
+
+def rule_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
+    """Put the faults of every rule to the benches: a row for each that passes, and the share of the others."""
+    asked = [fault for fault in rules.faults() if not only or any(word in fault.name for word in only)]
+    stamp = hashlib.sha256(json.dumps([extracted.circuit_digests(), rules.digest()]).encode()).hexdigest()
+    kept = Checkpoint(columns.WORK / "rules.json", stamp, fresh=fresh)
+    todo = [fault for fault in asked if fault.name not in kept.pieces]
+    tasks = (
+        workers.Task(rules.noticed, (fault, columns.WORK / "rules"), rules.TASK_LIMIT_S) for fault in todo
+    )
+    with progress.slots("rules", len(asked), "faults") as tell:
+        for done, (number, outcome) in enumerate(workers.run(tasks, jobs), len(asked) - len(todo) + 1):
+            kept.put(todo[number].name, outcome.value if not outcome.fault else outcome.fault, now=False)
+            tell(done)
+    kept.save()
+    passed = [fault.name for fault in asked if not kept.pieces[fault.name]]
+    share = 1.0 - len(passed) / len(asked) if asked else None
+    rows = [verdict.skip(f"equivalence.passes.{name}", rules.reason(name)) for name in passed]
+    return [
+        *rows,
+        verdict.judge("equivalence.faults_noticed", share, f"{len(asked) - len(passed)} of {len(asked)}"),
     ]
 
 
@@ -127,7 +160,7 @@ def fault_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
 def equivalence_command(only: tuple[str, ...], seeded: bool, jobs: int, fresh: bool) -> int:
     """Channels in transistors against the models extracted from them; rows in build/equivalence.json."""
     if seeded:
-        rows = fault_rows(only, jobs, fresh)
+        rows = fault_rows(only, jobs, fresh) + rule_rows(only, jobs, fresh)
     else:
         cases = chosen({case.name: case for case in gate.everything()}, only)
         found = _records("equivalence", [case.column() for case in cases], jobs, fresh)

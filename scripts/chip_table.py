@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dermis datasheet`: one table for the chip in transistors, from the event engine on its extracted parameters.
+
+Every code has a lowest conductance. Bisection finds the 255 of them in the event engine, for one taxel and for a row of
+16 pressed alike. Against the ideal ones they give offset, gain, integral (INL) and differential nonlinearity (DNL), as
+IEEE Std 1241 defines them: gain and offset are those of the line through both ends. Decoding gives the same with the
+network taken out, calibrated with one taxel. ENOB adds the noise of a code to its error over the range.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Mapping
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import engines, plan
+from dermis.chip import sky130
+from dermis.decode import crosstalk
+from dermis.files import write_between
+from dermis.records import Plan
+from dermis.report import progress, verdict
+from dermis.scene import design as design_module
+from dermis.scene import scene
+from dermis.scene.design import ROOT
+from scripts.characterise import benches, runs
+from scripts.characterise.benches import BENCHES, Condition
+from scripts.judged import finish
+from scripts.schematics.command import Subckt, written
+
+Floats = NDArray[np.float64]
+
+CONDITIONS = tuple(
+    Condition(corner, celsius)
+    for corner, celsius in (("tt", 27.0), ("ss", -40.0), ("ff", 125.0), ("sf", 27.0), ("fs", 27.0))
+)
+"""Those of models/extracted, typical first."""
+LOADS = {"taxel": 1, "row": 16}
+"""Columns that are pressed alike in the driven row."""
+ROUNDS, AROUND = 18, 24.0
+"""Halvings of a bracket of that many codes on either side of an ideal transition: to 0.0002 code."""
+PAGE = ROOT / "docs" / "datasheet.md"
+BEGIN, END = "<!-- begin: chip (written by dermis datasheet --docs) -->", "<!-- end: chip -->"
+
+
+def chip(condition: Condition, k: int, cols: int) -> Plan:
+    """Return the plan of a row of columns with the extracted parameters of a condition and a ratio."""
+    named = {"corner": condition.corner, "temperature_c": condition.celsius}
+    data = {
+        "array": {"rows": 1, "cols": cols},
+        "stimulus": {"kind": "uniform", "code": 0},
+        "interface": {"topology": "conveyor_mirror", "k": k},
+        "effects": {"extracted": named},
+    }
+    return plan.make(scene.from_data(data, ROOT / "chip"), "event")
+
+
+def transitions(made: Plan, k: int) -> Floats:
+    """Return the conductance from which on each code 1 .. 255 is read, [codes] in siemens; NaN where none is found."""
+    codes = np.arange(1, made.timing.code_max + 1)
+    low, high = np.maximum(codes - AROUND, 1e-3) * step_s(k), (codes + AROUND) * step_s(k)
+    bracket = low.copy(), high.copy()
+    for _ in range(ROUNDS):
+        middle = (low + high) / 2.0
+        ohm = np.broadcast_to((1.0 / middle)[:, None, None], (codes.size, 1, made.cols))
+        read = engines.run(dataclasses.replace(made, resistance_ohm=ohm)).codes[:, 0, 0] >= codes
+        low, high = np.where(read, low, middle), np.where(read, middle, high)
+    found = (low + high) / 2.0
+    return np.where((low > bracket[0]) & (high < bracket[1]), found, math.nan)
+
+
+def step_s(k: int) -> float:
+    """Return the conductance of an ideal step of the code at a ratio, siemens."""
+    design = design_module.load()
+    return k * design.converter.i0_a / (design.timing.gate_clocks * design.interface.v_bias_v)
+
+
+def line(at: Floats) -> tuple[float, float]:
+    """Return gain and offset in codes of the line through both ends of transitions in ideal steps [codes]."""
+    first, last = np.flatnonzero(np.isfinite(at))[[0, -1]]
+    gain = (last - first) / (at[last] - at[first])
+    return float(gain), float(first + 0.5 - gain * at[first])
+
+
+def static(at: Floats, noise_lsb: float) -> tuple[float, float, float]:
+    """Return INL and DNL in codes and ENOB of transitions in ideal steps [codes], after gain and offset."""
+    gain, offset = line(at)
+    apart = gain * at + offset - (np.arange(at.size) + 0.5)
+    wide, middle = 1.0 + np.diff(apart), (apart[1:] + apart[:-1]) / 2.0
+    # A code's error is uniform over its step, around the middle of its ends.
+    power = float(np.nanmean(middle**2 + wide**2 / 12.0)) + noise_lsb**2
+    bits = math.log2(at.size + 1) - math.log2(math.sqrt(12.0 * power))
+    return float(np.nanmax(np.abs(apart))), float(np.nanmax(np.abs(wide - 1.0))), bits
+
+
+def decoded(made: Plan, k: int, at: Floats, one: Floats) -> Floats:
+    """Return where transitions are once decoding has taken the network out, in ideal steps [codes].
+
+    The currents of codes are those that one taxel, whose transitions are `one`, calibrates.
+    """
+    (gain, offset), ideal = line(one), np.arange(at.size) + 0.5
+    steps = (ideal - offset) / gain
+    amperes = np.repeat((steps * step_s(k) * made.v_bias_v)[:, None, None], made.cols, axis=2)
+    solved = crosstalk.solve(made.network(0), amperes)
+    return steps + at - np.where(solved.converged, solved.conductance_s[:, 0, 0], math.nan) / step_s(k)
+
+
+def noise(condition: Condition, k: int) -> float:
+    """Return the rms of a code at full scale: conveyor and mirror, packet, and the null on one of a column's taxels."""
+    full_a = benches.chain_full_a(k)
+    bodies = {"taxel": benches.noise_body("ix", benches.body("noise_taxel", k=k, i=full_a, r=0.5 / full_a))}
+    bodies |= {name: BENCHES[f"noise_{name}"].body for name in ("packet", "null")}
+    rms = {name: runs.measured(body, condition) for name, body in bodies.items()}
+    lsb = {name: benches.noise(found, name)[f"noise_lsb.{name}"] for name, found in rms.items()}
+    return math.hypot(lsb["taxel"], lsb["packet"], lsb["null"] / 16.0)
+
+
+def ratio(condition: Condition, k: int) -> dict[str, float]:
+    """Return the figures of the converter at a condition and a ratio of the mirror, by name."""
+    noise_lsb = noise(condition, k)
+    found = {f"chip.noise_lsb.k{k}": noise_lsb}
+    one: Floats | None = None
+    for load, cols in LOADS.items():
+        made = chip(condition, k, cols)
+        at = transitions(made, k) / step_s(k)
+        one = at if one is None else one
+        gain, offset = line(at)
+        raw, after = static(at, noise_lsb), static(decoded(made, k, at, one), noise_lsb)
+        told = {
+            "offset_lsb": offset,
+            "gain_error": gain - 1.0,
+            "inl_raw_lsb": raw[0],
+            "inl_decoded_lsb": after[0],
+        }
+        told |= {"dnl_lsb": max(raw[1], after[1]), "enob_raw": raw[2], "enob": after[2]}
+        found |= {f"chip.{name}.{load}.k{k}": value for name, value in told.items()}
+    return found
+
+
+def whole(condition: Condition) -> dict[str, float]:
+    """Return supply rejection, and the power of 16 columns at rest and with a row of 500 ohm, by name."""
+
+    def bench(name: str) -> dict[str, float]:
+        return BENCHES[name].values(runs.measured(BENCHES[name].body, condition))
+
+    supply, topology = bench("supply_conveyor_mirror"), "conveyor_mirror"
+    row_w = 16e-3 * (0.5 + benches.SUPPLY_V)  # from vbias to vss
+    rest_a = supply[f"supply_array_a.{topology}"] - 16e-3
+    return {
+        "chip.supply_rejection": bench("supply_rejection")["supply_rejection.vdd"],
+        "chip.power_mw.rest": 2e3 * benches.SUPPLY_V * rest_a,
+        "chip.power_mw.row": 2e3 * benches.SUPPLY_V * rest_a + 1e3 * row_w,
+    }
+
+
+def area_um2(text: Mapping[str, Subckt], name: str, given: Mapping[str, float] | None = None) -> float:
+    """Return the drawn area of the devices of a subcircuit: width times length, without what lies between them."""
+    values: dict[str, float] = {}
+    for key, said in text[name].parameters.items():
+        values[key] = (given or {}).get(key, float(eval(said, {}, values)))  # a formula of the netlist
+    total = 0.0
+    for words, pairs in text[name].elements.values():
+        device = words[-1]
+        sizes = {key: float(eval(said, {}, values)) for key, said in pairs.items() if key != "rs_int"}
+        if device in text and not re.fullmatch(r"[np]mos(_lv)?", device):
+            total += area_um2(text, device, sizes)
+        elif "diode" in device:
+            total += sizes["area"] * 1e-12
+        else:
+            sizes = {
+                k: float(v) for k, v in (text[device].parameters if device in text else {}).items()
+            } | sizes
+            total += sizes["w"] * sizes["l"] * sizes.get("k", sizes.get("m", 1.0))
+    return total
+
+
+UNITS = {"lsb": "lsb", "error": "1", "mw": "mW", "rejection": "lsb/mV", "mm2": "mm2"}
+"""Unit by the last word of a name, up to the first dot."""
+
+
+def rows_of(values: Mapping[str, Mapping[str, float]]) -> list[verdict.Row]:
+    """Return a verdict for each name, of the value closest to its limit; `values` are by name and condition."""
+    rows = []
+    for name, found in values.items():
+        numbers, unit = list(found.values()), UNITS.get(name.split(".")[1].rpartition("_")[2], "bit")
+        worst = min(found, key=lambda at: found[at] if unit == "bit" else -abs(found[at]))
+        row = verdict.measured(name, found[worst], unit, f"at {worst}")
+        rows.append(
+            row
+            | {"least": f"{min(numbers):.3g}", "typical": f"{numbers[0]:.3g}", "most": f"{max(numbers):.3g}"}
+        )
+    return rows
+
+
+def table(rows: list[verdict.Row]) -> str:
+    """Return the rows as the table of docs/datasheet.md."""
+    lines = ["| | min | typ | max | limit | unit | |", "|---|--:|--:|--:|---|---|---|"]
+    for row in rows:
+        low, high = ("" if row[side] is None else f"{row[side]:g}" for side in ("min", "max"))
+        cells = (
+            row["least"],
+            row["typical"],
+            row["most"],
+            f"{low} .. {high}" if low or high else "",
+            row["unit"],
+        )
+        lines.append(f"| `{row['name']}` | {' | '.join(cells)} | {row['status']} |")
+    return "\n".join(lines)
+
+
+@click.command("datasheet")
+@click.option("--docs", is_flag=True, help="Write the table of docs/datasheet.md.")
+def datasheet_command(docs: bool) -> int:
+    """The chip in transistors in one table: offset, gain, INL, DNL, noise, ENOB, supply rejection, power, area."""
+    values: dict[str, dict[str, float]] = {}
+    with progress.slots("datasheet", len(CONDITIONS), "conditions") as tell:
+        for done, at in enumerate(CONDITIONS, 1):
+            ratios = sky130.MIRROR_RATIOS if at.corner in ("tt", "ss", "ff") else (80,)
+            for name, value in [pair for k in ratios for pair in ratio(at, k).items()] + list(
+                whole(at).items()
+            ):
+                values.setdefault(name, {})[at.at] = value
+            tell(done)
+    values["chip.area_mm2"] = {CONDITIONS[0].at: 1e-6 * area_um2(written(), "dermis_analog_front_end")}
+    rows = rows_of(dict(sorted(values.items())))
+    code = finish(
+        "datasheet", rows, "The chip in transistors: a taxel alone (taxel), 16 of a row alike (row)"
+    )
+    if docs:
+        write_between(PAGE, BEGIN, END, table(rows))
+        click.echo("written: docs/datasheet.md")
+    return code
