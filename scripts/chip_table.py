@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import click
 import numpy as np
@@ -178,15 +178,27 @@ def area_um2(text: Mapping[str, Subckt], name: str, given: Mapping[str, float] |
     return total
 
 
-UNITS = {"lsb": "lsb", "error": "1", "mw": "mW", "rejection": "lsb/mV", "mm2": "mm2"}
-"""Unit by the last word of a name, up to the first dot."""
+WORDS = {
+    "offset_lsb": ("offset", "lsb"),
+    "gain_error": ("gain error", "1"),
+    "inl_raw_lsb": ("INL of the codes", "lsb"),
+    "inl_decoded_lsb": ("INL, decoded", "lsb"),
+    "dnl_lsb": ("DNL", "lsb"),
+    "noise_lsb": ("noise at full scale, rms", "lsb"),
+    "enob_raw": ("ENOB of the codes", "bit"),
+    "enob": ("ENOB, decoded", "bit"),
+    "supply_rejection": ("supply rejection", "lsb/mV"),
+    "power_mw": ("power of 16 columns", "mW"),
+    "area_mm2": ("area of the devices", "mm2"),
+}
+"""What a figure is called, and its unit."""
 
 
 def rows_of(values: Mapping[str, Mapping[str, float]]) -> list[verdict.Row]:
     """Return a verdict for each name, of the value closest to its limit; `values` are by name and condition."""
     rows = []
     for name, found in values.items():
-        numbers, unit = list(found.values()), UNITS.get(name.split(".")[1].rpartition("_")[2], "bit")
+        numbers, (_, unit) = list(found.values()), WORDS[name.split(".")[1]]
         worst = min(found, key=lambda at: found[at] if unit == "bit" else -abs(found[at]))
         row = verdict.measured(name, found[worst], unit, f"at {worst}")
         rows.append(
@@ -196,19 +208,20 @@ def rows_of(values: Mapping[str, Mapping[str, float]]) -> list[verdict.Row]:
     return rows
 
 
-def table(rows: list[verdict.Row]) -> str:
-    """Return the rows as the table of docs/datasheet.md."""
-    lines = ["| | min | typ | max | limit | unit | |", "|---|--:|--:|--:|---|---|---|"]
+def table(rows: Sequence[verdict.Row]) -> str:
+    """Return the rows as the table of docs/datasheet.md: typical, least and most, a column for each ratio."""
+    cells: dict[tuple[str, str], dict[str, str]] = {}
     for row in rows:
+        _, figure, *load = row["name"].split(".")
+        k = load.pop() if load and load[-1][0] == "k" else f"k{sky130.MIRROR_RATIOS[-2]}"
         low, high = ("" if row[side] is None else f"{row[side]:g}" for side in ("min", "max"))
-        cells = (
-            row["least"],
-            row["typical"],
-            row["most"],
-            f"{low} .. {high}" if low or high else "",
-            row["unit"],
-        )
-        lines.append(f"| `{row['name']}` | {' | '.join(cells)} | {row['status']} |")
+        limit = f"{low} .. {high}" if low or high else ""
+        line = cells.setdefault((figure, load[0] if load else ""), {"limit": limit})
+        line[k] = f"{row['typical']} ({row['least']} .. {row['most']})"
+    lines = ["| | pressed | k = 20 | 40 | 80 | 160 | limit | unit |", "|---|---|---|---|---|---|---|---|"]
+    for (figure, load), line in sorted(cells.items(), key=lambda item: list(WORDS).index(item[0][0])):
+        values = [line.get(f"k{k}", "") for k in sky130.MIRROR_RATIOS]
+        lines.append(f"| {' | '.join((WORDS[figure][0], load, *values, line['limit'], WORDS[figure][1]))} |")
     return "\n".join(lines)
 
 

@@ -18,6 +18,7 @@ from dermis.processes.children import output_of
 from dermis.report import verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
+from scripts import crossings
 from scripts.judged import finish, tool
 
 WAIVERS = "rtl/lint/verilator_waiver.vlt"
@@ -192,6 +193,6 @@ def lint_models(root: Path = ROOT) -> list[Row]:
 
 @click.command()
 def lint_command() -> int:
-    """Lint the Verilog, its wrapper and the real-number models with Icarus, Verilator and Yosys."""
-    rows = run_lint() + lint_wrapper() + lint_models()
+    """Lint the Verilog, its wrapper, the real-number models and the crossings of its clocks."""
+    rows = run_lint() + lint_wrapper() + lint_models() + crossings.rows()
     return finish("lint", rows, "Lint of rtl/ and models/verilog/")

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from dermis.errors import InputError
-from scripts import lint
+from dermis.errors import InputError, SimulatorError
+from scripts import crossings, lint
 
 pytestmark = pytest.mark.timeout(120)
 ROOT = Path(__file__).resolve().parents[3]
@@ -241,3 +241,46 @@ def test_seeded_fault_in_the_wrapper_fails(copy: Path, change: tuple[str, str], 
     seen = {row["name"]: row["status"] for row in lint.lint_wrapper(copy)}
     for form in ("wrapper", "wrapper_power_pins"):
         assert {tool for tool in TOOLS if seen[f"lint.{tool}.{form}"] == "FAIL"} == tools
+
+
+# ---- crossings -----------------------------------------------------------------------------------------------
+
+
+def test_no_path_between_the_clocks_and_no_raw_reset_is_without_its_reason() -> None:
+    found = {row["name"]: (row["status"], row["note"]) for row in crossings.rows()}
+    assert found == dict.fromkeys(
+        ("lint.crossings.sync_ff", "lint.crossings.sync_latch", "lint.crossings.seeded_missed"), ("PASS", "")
+    )
+
+
+@pytest.mark.parametrize(
+    ("module", "old", "new", "said"),
+    [
+        (
+            "dermis_top",
+            ".hold_toggle_i (hold_toggle)",
+            ".hold_toggle_i (hold_toggle & enable)",
+            "gates before",
+        ),
+        (
+            "dermis_top",
+            ".row_sense_i    (row_sense_i)",
+            ".row_sense_i    (row_select_o)",
+            "no path for the exception",
+        ),
+        ("dermis_spi", "assign cipo_o           = cipo_q;", "assign cipo_o = cipo_q; `error", "no netlist"),
+    ],
+)
+def test_what_is_no_synchronizer_is_named(copy: Path, module: str, old: str, new: str, said: str) -> None:
+    edit(copy, module, old, new)
+    try:
+        found = crossings.Netlist(copy, latch=False).findings()
+    except SimulatorError as error:
+        found = [str(error)]
+    assert any(said in line for line in found), found
+
+
+def test_a_fault_that_has_no_place_is_an_error(copy: Path, tmp_path: Path) -> None:
+    edit(copy, "dermis_frame_buffer", "assign free  =", "assign   free =")
+    with pytest.raises(ValueError, match="substring"):
+        list(crossings.seeded(copy, tmp_path / "seeded"))

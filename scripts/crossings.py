@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Crossings of clocks and resets of the digital core, found in its structure by Yosys.
+
+A flop may be reached by flops and pins of its own clock alone. Everything else goes through `dermis_tech_sync`, and a
+reset through `dermis_reset_sync`, or is an exception with its reason in rtl/lint/crossings.toml.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import tempfile
+import tomllib
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from dermis.chip.sources import TOP, rtl_include_dirs, rtl_sources
+from dermis.errors import SimulatorError
+from dermis.processes.children import output_of
+from dermis.report import verdict
+from dermis.report.verdict import Row
+from dermis.scene.design import ROOT
+from scripts.judged import tool
+
+SYNC, RESET = "dermis_tech_sync", "dermis_reset_sync"
+SIZE = {"ROWS": 3, "COLS": 2}
+"""Small, and no row is a column."""
+TIME_LIMIT_S = 60.0
+
+Place = tuple[str, str]
+"""Name of a net and the clock that moves it; empty for a pin that moves at any time."""
+
+
+class Netlist:
+    """The core as gates, its synchronizers whole."""
+
+    def __init__(self, root: Path, latch: bool) -> None:
+        self.rules = tomllib.loads((root / "rtl" / "lint" / "crossings.toml").read_text(encoding="utf-8"))
+        includes = " ".join(f"-I{folder.relative_to(root)}" for folder in rtl_include_dirs(root))
+        sources = " ".join(str(path.relative_to(root)) for path in rtl_sources(root))
+        size = " ".join(
+            f"-chparam {key} {value}" for key, value in {**SIZE, "SYNC_LATCH": int(latch)}.items()
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            out = Path(folder) / "top.json"
+            script = f"read_verilog {includes} {sources}; hierarchy -check -top {TOP} {size}; proc; "
+            script += f"setattr -mod -set keep_hierarchy 1 {SYNC} {RESET}; flatten; opt_clean; simplemap; "
+            said = output_of(
+                [tool("yosys"), "-Q", "-T", "-p", f"{script}write_json {out}"], TIME_LIMIT_S, root
+            )[1]
+            if not out.is_file():
+                raise SimulatorError(f"yosys: no netlist: {(said.strip().splitlines() or ['no output'])[-1]}")
+            self.modules = json.loads(out.read_text(encoding="utf-8"))["modules"]
+        self.top = self.modules[TOP]
+        # A register is called what its module calls it, a word without the number of its bit.
+        nets = sorted(
+            self.top["netnames"].items(), key=lambda item: (not item[0].endswith("_q"), item[0].count("."))
+        )
+        self.names: dict[int, str] = {}
+        for name, net in nets:
+            for bit in () if net["hide_name"] else net["bits"]:
+                self.names.setdefault(bit, re.sub(r"\[\d+\]", "", name))
+        self.drivers = {
+            bit: (name, cell)
+            for name, cell in self.top["cells"].items()
+            for pin, bits in cell["connections"].items()
+            if cell["port_directions"].get(pin) == "output"
+            for bit in bits
+        }
+        self.pins = {
+            bit: name
+            for name, p in self.top["ports"].items()
+            if p["direction"] == "input"
+            for bit in p["bits"]
+        }
+
+    def sources(
+        self, bit: Any, seen: set[Any] | None = None
+    ) -> Iterator[tuple[str, Any, Mapping[str, Any] | None]]:
+        """Yield what a net comes from through gates: kind, net, and the cell; a kind is pin, flop, sync or memory."""
+        seen = set() if seen is None else seen
+        if bit in seen or not isinstance(bit, int):
+            return
+        seen.add(bit)
+        if bit in self.pins:
+            yield "pin", bit, None
+            return
+        _, cell = self.drivers[bit]
+        kind = cell["type"]
+        if kind.startswith(("$_DFF", "$_DLATCH")):
+            yield "flop", bit, cell
+        elif kind in (SYNC, RESET):
+            yield "sync", bit, cell
+        else:
+            if kind.startswith("$memrd"):
+                yield "memory", bit, cell
+            for pin, bits in cell["connections"].items():
+                for each in bits if cell["port_directions"].get(pin) == "input" else ():
+                    yield from self.sources(each, seen)
+
+    def clock(self, bit: int) -> str:
+        """Return the pins that a clock comes from."""
+        return " ".join(sorted({self.pins[at] for kind, at, _ in self.sources(bit) if kind == "pin"}))
+
+    def place(self, kind: str, bit: int, cell: Mapping[str, Any] | None) -> Place:
+        """Return the name of a source and its clock."""
+        if kind == "pin":
+            return self.pins[bit], self.rules["pins"].get(self.pins[bit], "")
+        if kind == "memory":
+            writes = [c for c in self.top["cells"].values() if c["type"].startswith("$memwr")]
+            return "memory", self.clock(writes[0]["connections"]["CLK"][0])
+        return self.names[bit], self.clock(_clock_of(cell))
+
+    @cached_property
+    def paths(self) -> list[tuple[str, Place, Place]]:
+        """Every kind (data, reset or synchronizer), source and target."""
+        found = []
+        for cell in self.top["cells"].values():
+            kind, pins = cell["type"], cell["connections"]
+            if kind.startswith(("$_DFF", "$_DLATCH")):
+                target = self.place("flop", pins["Q"][0], cell)
+                ends = [("data", pins["D"][0]), ("reset", pins["R"][0] if "R" in pins else None)]
+            elif kind == SYNC:
+                target = self.place("sync", pins["q_o"][0], cell)
+                ends = [("synchronizer", pins["d_i"][0]), ("reset", pins["rst_ni"][0])]
+            else:
+                continue
+            for what, bit in ends:
+                for source in self.sources(bit):
+                    direct = what != "reset" or (source[2] or {}).get("type") == RESET
+                    found.append((what if direct else "raw reset", self.place(*source), target))
+                # A synchronizer takes a flop or a pin, for what a gate makes of two edges is a third one.
+                if (
+                    what == "synchronizer"
+                    and bit not in self.pins
+                    and self.drivers[bit][1]["type"][:5] != "$_DFF"
+                ):
+                    found.append(("gates before", (self.names[bit], ""), target))
+        return found
+
+    def findings(self) -> list[str]:
+        """Name every path between two clocks, every raw reset and every synchronizer that is none."""
+        found = {
+            f"{what}: {source} ({before or 'any time'}) -> {target} ({after})"
+            for what, (source, before), (target, after) in self.paths
+            if what in ("raw reset", "gates before") or (what != "synchronizer" and before != after)
+        }
+        allowed = [
+            f"{rule['what']}: (?:{rule['from']}) \\(.*\\) -> (?:{rule['to']}) \\(.*\\)"
+            for rule in self.rules["allowed"]
+        ]
+        left = sorted(said for said in found if not any(re.fullmatch(rule, said) for rule in allowed))
+        unused = [rule for rule in allowed if not any(re.fullmatch(rule, said) for said in found)]
+        return left + self.short() + [f"no path for the exception {rule}" for rule in unused]
+
+    def short(self) -> list[str]:
+        """Name the synchronizers that have fewer than two flops in a row."""
+        found = []
+        for name, start in ((SYNC, "d_i"), (RESET, "rst_ni")):
+            cells = self.modules.get(name, {"cells": {}})["cells"].values()
+            flops = [cell["connections"] for cell in cells if cell["type"].startswith("$_DFF")]
+            behind = {bit for pins in flops for bit in pins["Q"]}
+            if len(flops) < 2 or sum(pins["D"][0] in behind for pins in flops) < len(flops) - 1:
+                found.append(f"{name}: fewer than two flops between {start} and its output")
+        return found
+
+
+def _clock_of(cell: Mapping[str, Any]) -> int:
+    pins = cell["connections"]
+    return next(pins[name][0] for name in ("C", "E", "clk_i") if name in pins)
+
+
+WIRE = "module dermis_wire (input wire clk_i, rst_ni, d_i, output wire q_o); assign q_o = d_i; endmodule\n"
+
+
+def seeded(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
+    """Yield the name of each fault of rtl/lint/crossings.toml and a copy of the Verilog that has it.
+
+    Raises
+    ------
+    ValueError
+        The Verilog has no place for a fault.
+    """
+    rules = tomllib.loads((root / "rtl" / "lint" / "crossings.toml").read_text(encoding="utf-8"))
+    for name, fault in rules["seeded"].items():
+        copy = folder / name
+        shutil.copytree(root / "rtl", copy / "rtl")
+        path = copy / "rtl" / fault["file"]
+        text = path.read_text(encoding="utf-8")
+        start = text.index(fault["at"])
+        wrong = text[:start] + text[start:].replace(fault["old"], fault["new"], 1)
+        if wrong == text:
+            raise ValueError(f"{fault['file']}: no {fault['old']!r} behind {fault['at']!r}")
+        path.write_text(wrong + (WIRE if "dermis_wire" in fault["new"] else ""), encoding="utf-8")
+        yield name, copy
+
+
+def rows(root: Path = ROOT) -> list[Row]:
+    """Judge the crossings of both forms of the comparators' synchronizer, and the share of seeded faults found."""
+    judged = []
+    for form, latch in (("sync_ff", False), ("sync_latch", True)):
+        found = Netlist(root, latch).findings()
+        judged.append(
+            verdict.within(f"lint.crossings.{form}", len(found), "findings", None, 0, "; ".join(found[:4]))
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        missed = [
+            name for name, copy in seeded(root, Path(folder)) if not Netlist(copy, latch=False).findings()
+        ]
+    return [
+        *judged,
+        verdict.within("lint.crossings.seeded_missed", len(missed), "faults", None, 0, "; ".join(missed)),
+    ]
