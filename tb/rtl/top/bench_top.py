@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import random
+from itertools import pairwise
 from typing import Any
 
 import cocotb
 from cocotb.clock import Clock
-from cocotb.triggers import RisingEdge, Timer
+from cocotb.triggers import RisingEdge, Timer, ValueChange
 from cocotb.utils import get_sim_time
 from rtl_bench import report, scenario
 from spi_client import Pins
@@ -495,3 +496,104 @@ async def counters(dut: Any) -> None:
     await reset(dut)
     seen["errors_after_reset"] = await host.run(spi.read_register(rm.SPI_ERRORS))
     report(seen)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def wiring(dut: Any) -> None:
+    """Every status bit, header flag and pin, with no parameter at its default."""
+    p = scenario()["parameters"]
+    chip = Chip(dut, p, levels=own_pattern)
+    host = Pins(dut, chip.clock_ps // 8)
+    rows, cols, gate, settle = chip.rows, chip.cols, p["GATE_CLOCKS"], p["SETTLE_CLOCKS"]
+
+    async def write(address: int, value: int) -> None:
+        await host.run(spi.write_register(address, value))
+
+    async def begin(control: int) -> None:
+        """Write CONTROL and wait for the frame that it begins."""
+        begun = chip.frame
+        await write(rm.CONTROL, control)
+        while chip.frame == begun:
+            await chip.clocks(1)
+
+    async def status() -> int:
+        return await host.run(spi.read_register(rm.STATUS))
+
+    # CIPO is driven while the chip is selected, and by nothing else.
+    await chip.reset(enable=False)
+    assert int(dut.spi_cipo_oe_o.value) == 0
+    await host.select()
+    assert int(dut.spi_cipo_oe_o.value) == 1
+    await host.deselect()
+    assert int(dut.spi_cipo_oe_o.value) == 0
+
+    # A chip that is enabled and has nothing to do does not scan.
+    await write(rm.CONTROL, 0)
+    dut.enable_i.value = 1
+    await chip.clocks(20)
+    assert await status() == 0
+    await begin(CONTINUOUS)
+    assert await status() & rm.STATUS_SCANNING_MASK
+
+    # The break between two rows, and a whole frame of more than 512 bytes.
+    driven = []
+    while len(driven) < 4 * rows + 1:
+        await ValueChange(dut.row_select_o)
+        driven.append((get_sim_time("ps"), int(dut.row_select_o.value)))
+    first = [value for _, value in driven].index(1)
+    whole = driven[first : first + 2 * rows]
+    assert [value for _, value in whole] == [0 if n % 2 else 1 << n // 2 for n in range(2 * rows)]
+    breaks = {after - before for (before, value), (after, _) in pairwise(whole) if not value}
+    assert breaks == {p["BREAK_CLOCKS"] * chip.clock_ps}
+    await wait_ready(chip, 4 * rows * (gate + settle))
+    data = await host.run(spi.read_frame_bytes())
+    assert len(data) > 512
+    same(data, chip.expected(spi.parse_frame(data).number, gate))
+
+    # The header has the gate that its frame began with; overflow has a bit for each column.
+    await write(rm.CONTROL, 0)
+    await chip.clocks(2 * rows * (gate + settle))
+    mask, long = 1 << rows - 1 | 1, 2 ** (chip.code_bits + 1) + 50
+    for n in range((rows + 15) // 16):
+        await write(rm.ROW_MASK + n, mask >> 16 * n & 0xFFFF)
+    await write(rm.GATE, long)
+    await host.run(spi.read_frame_bytes())
+    await begin(SHOT)
+    await write(rm.GATE, 40)
+    await wait_ready(chip, 4 * long)
+    same(await host.run(spi.read_frame_bytes()), chip.expected(chip.frame, long, row_mask=mask))
+
+    # A self-test: its pulses begin with its gate, its limits have 16 bits, its faults are in the next header.
+    long = 2 ** (chip.code_bits + 1) - 20
+    await write(rm.GATE, long)
+    await write(
+        rm.TEST_RATE, rate := 0x2AAA
+    )  # 337.98 pulses in 2 028 clocks: any phase at their start makes one more
+    counts = []
+    for full_min, broken in ((long // 2 - 1, 0), (long // 2 - 1, 1 << rows - 1), (long // 2 + 1, 0)):
+        await write(rm.FULL_MIN, full_min)
+        chip.broken_rows = broken
+        frame = await shot(chip, host, TEST)
+        assert frame.test
+        counts.append(await host.run(spi.read_register(rm.TEST_COUNT)))
+        faults = []
+        for first, lines in ((rm.ROW_FAULT, rows), (rm.FULL_FAULT, cols)):
+            words = [await host.run(spi.read_register(first + n)) for n in range((lines + 15) // 16)]
+            faults.append(sum(word << 16 * n for n, word in enumerate(words)))
+        wrong = 0 if full_min < long // 2 else (1 << cols) - 1
+        assert faults == [broken, wrong]
+        assert await status() & (TEST_DONE | FAULT) == TEST_DONE | FAULT * bool(broken or wrong)
+        chip.broken_rows = 0
+        assert (await shot(chip, host, SHOT)).fault == bool(broken or wrong)
+    assert counts == [rate * long >> 16] * 3
+
+    # A self-test that is asked for again in its first slot is done with the second one.
+    await write(rm.GATE, 200)
+    await begin(TEST)
+    await begin(TEST)
+    await wait_ready(chip, 2000)
+    assert not await status() & TEST_DONE
+    await host.run(spi.read_frame_bytes())
+    await wait_ready(chip, 8 * (200 + settle) + 500)
+    assert await status() & TEST_DONE
+    report("done")

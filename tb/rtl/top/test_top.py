@@ -65,6 +65,14 @@ def test_a_self_test_finds_each_broken_line_by_its_own_bit(simulator: str) -> No
     run(simulator, "self_test")
 
 
+WIRED = {"ROWS": 18, "COLS": 19, "CODE_BITS": 10, "GATE_CLOCKS": 60, "SETTLE_CLOCKS": 9, "BREAK_CLOCKS": 3}
+"""No parameter at its default, no row a column, more of both than a word has bits."""
+
+
+def test_every_status_bit_header_flag_and_pin_is_wired(simulator: str) -> None:
+    run(simulator, "wiring", WIRED)
+
+
 @pytest.mark.long
 def test_longest_and_shortest_slots_count_exactly(simulator: str) -> None:
     """All 16 bits in Verilator; Icarus would take a minute for the longest."""
@@ -136,6 +144,51 @@ FAULTS: dict[str, tuple[str, str, str, str, dict[str, Any]]] = {
         {},
     ),
 }
+
+
+# What is wrong between modules -> module, right, wrong: all passed every test of the modules.
+MISWIRED = {
+    "break": (
+        "dermis_top",
+        ".BREAK_CLOCKS (BREAK_CLOCKS),\n    .SYNC_LATCH   (SYNC_LATCH)\n  ) u_reader",
+        ".SYNC_LATCH   (SYNC_LATCH)\n  ) u_reader",
+    ),
+    "fault flag": ("dermis_top", ".fault_i         (fault),", ".fault_i         (1'b0),"),
+    "pending test": ("dermis_top", ".test_pending_i (test_pending),", ".test_pending_i (1'b0),"),
+    "output enable": ("dermis_spi", "assign cipo_oe_o        = ~cs_ni;", "assign cipo_oe_o        = 1'b1;"),
+    "gate of the header": ("dermis_top", ".gate_clocks_i   (gate_clocks),", ".gate_clocks_i   (gate),"),
+    "rate of 8 bits": (
+        "dermis_top",
+        ".test_rate_i    (test_rate),",
+        ".test_rate_i    ({8'h00, test_rate[7:0]}),",
+    ),
+    "limit of 8 bits": (
+        "dermis_top",
+        ".full_min_i     (full_min),",
+        ".full_min_i     ({8'h00, full_min[7:0]}),",
+    ),
+    "scanning": ("dermis_top", ".scanning_i         (scanning),", ".scanning_i         (enable),"),
+    "phase of the test": (
+        "dermis_reader",
+        "    else if (inject & preset_o) {level_q, phase_q} <= 17'd0;\n",
+        "",
+    ),
+    "overflow": ("dermis_packer", "over_q  <= over_q >> 8;", "over_q  <= over_q >> 7;"),
+    "end of a frame": (
+        "dermis_spi",
+        "if (frame_address_q == frame_length_i)",
+        "if (frame_address_q[8:0] == frame_length_i[8:0])",
+    ),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fault", MISWIRED)
+def test_a_wrong_wire_is_seen(fault: str, tmp_path: Path) -> None:
+    module, right, wrong = MISWIRED[fault]
+    trap = changed(tmp_path, module, (right, wrong))
+    with pytest.raises(AssertionError, match=r"1 failed"):
+        run("icarus", "wiring", WIRED, trap=trap)
 
 
 @pytest.mark.long
