@@ -53,6 +53,7 @@ class Block:
     clocked: bool = True  # False: combinational
     multiclock: bool = False  # both edges or several clocks
     tests_first: bool = False  # quicker than the proofs
+    short: bool = False  # without the long tests
 
 
 BLOCKS: Mapping[str, Block] = {
@@ -244,7 +245,7 @@ def _run_tests(block: Block, tree: Path, work: Path, limit_s: float) -> int | No
     if not block.tests:
         return 0
     command = [sys.executable, "-m", "pytest", "-p", "scripts.mutate_plugin"]
-    command += ["-x", "-q", "-m", "", "-k", "not verilator"]
+    command += ["-x", "-q", "-m", "not long" if block.short else "", "-k", "not verilator"]
     command += [str(ROOT / "tb" / "rtl" / test) for test in block.tests]
     environment = {"DERMIS_MUTANT_RTL": str(tree), "DERMIS_MUTANT_WORK": str(work)}
     return children.run_child(command, ROOT, work / "pytest.log", limit_s, environment)
