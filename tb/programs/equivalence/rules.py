@@ -165,7 +165,9 @@ def noticed(fault: Fault, folder: Path) -> str:
 def digest() -> str:
     """Return the digest of what decides about a fault, besides the circuit."""
     text = (Path(__file__).read_text(encoding="utf-8"), results.RECORD.read_text(encoding="utf-8"))
-    return hashlib.sha256("".join((*text, *(deck for deck, _ in _reach().values()))).encode()).hexdigest()
+    return hashlib.sha256(
+        "".join((*text, *(_reach()[name][0] for name in sorted(_reach())))).encode()
+    ).hexdigest()
 
 
 REASONS = {
