@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Digital core of the array reader: scan, convert, pack, test itself, and answer over SPI.
 // Interface: analog side at clk_i (comparators in; rows, preset, charge, range, test current out,
-// all from registers, and off without enable_i), host over SPI (docs/spi.md, docs/registers.md). enable_i, rst_ni and the SPI
+// all from registers), host over SPI (docs/spi.md, docs/registers.md). enable_i, rst_ni and the SPI
 // pins may change at any time.
 // Timing: docs/rtl.md. Two clocks: clk_i, and spi_sck_i in dermis_spi; only toggles and stable data
 // cross.
@@ -81,11 +81,6 @@ module dermis_top #(
   wire [15:0]               full_min;
   wire [ROWS-1:0]           row_mask;
   wire [COLS*CODE_BITS-1:0] pedestal;
-
-  wire [ROWS-1:0]           row_select;
-  wire                      preset;
-  wire [COLS-1:0]           charge;
-  wire [COLS-1:0]           test_current;
 
   wire                      scanning;
   wire                      test_pending;
@@ -178,11 +173,11 @@ module dermis_top #(
     .test_rate_i    (test_rate),
     .comp_async_i   (comp_async_i),
     .row_sense_i    (row_sense_i),
-    .row_select_o   (row_select),
-    .preset_o       (preset),
-    .charge_o       (charge),
+    .row_select_o   (row_select_o),
+    .preset_o       (preset_o),
+    .charge_o       (charge_o),
     .range_o        (range_o),
-    .test_current_o (test_current),
+    .test_current_o (test_current_o),
     .frame_start_o  (frame_start_o),
     .scanning_o     (scanning),
     .test_pending_o (test_pending),
@@ -366,13 +361,6 @@ module dermis_top #(
     .frame_length_i   (frame_length),
     .error_toggle_o   (error_toggle)
   );
-
-  // The pin itself takes the analog side off: a clock that has stopped would leave a row driven for
-  // ever. The scanner follows two clocks later.
-  assign row_select_o   = row_select   & {ROWS{enable_i}};
-  assign charge_o       = charge       & {COLS{enable_i}};
-  assign test_current_o = test_current & {COLS{enable_i}};
-  assign preset_o       = preset       | ~enable_i;
 
   // A gate of at most 65535 clocks holds at most 32768 pulses.
   assign test_count_wide = {{(16-CODE_BITS){1'b0}}, test_count};

@@ -597,37 +597,3 @@ async def wiring(dut: Any) -> None:
     await wait_ready(chip, 8 * (200 + settle) + 500)
     assert await status() & TEST_DONE
     report("done")
-
-
-@cocotb.test(timeout_time=1, timeout_unit="sec")
-async def off(dut: Any) -> None:
-    """The clock stops at each level while a row is driven or tested; enable_i takes the analog side off."""
-    s = scenario()
-    chip = Chip(dut, s["parameters"], x=s["x"])
-    host = Pins(dut, chip.clock_ps // 8)
-    rng = random.Random(3)
-
-    def on() -> int:
-        outputs = dut.row_select_o, dut.charge_o, dut.test_current_o
-        return sum(int(output.value) for output in outputs) or not int(dut.preset_o.value)
-
-    longest = 0.0
-    for level in (0, 1) * 6:
-        chip.stopped = False
-        await chip.reset()
-        await host.run(spi.write_register(rm.CONTROL, CONTINUOUS | TEST * rng.randrange(2)))
-        await chip.clocks(rng.uniform(20, 400))
-        while not int(dut.row_select_o.value) | int(dut.test_current_o.value):
-            await chip.clocks(1)
-        while int(dut.clk_i.value) != level:
-            await Timer(chip.clock_ps // 20, "ps")
-        chip.stopped = True
-        await chip.clocks(5)
-        assert on()
-        dut.enable_i.value = 0
-        begun = get_sim_time("ns")
-        await Timer(1, "ps")
-        while on() and longest < 1000.0:
-            await Timer(100, "ps")
-            longest = max(longest, get_sim_time("ns") - begun)
-    report(longest)

@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import os
-import re
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rtl_run import RTL, changed, simulate
+from rtl_run import changed, simulate
 
 from tb.reference.chip import SHORT, Duty
 
@@ -72,15 +71,6 @@ WIRED = {"ROWS": 18, "COLS": 19, "CODE_BITS": 10, "GATE_CLOCKS": 60, "SETTLE_CLO
 
 def test_every_status_bit_header_flag_and_pin_is_wired(simulator: str) -> None:
     run(simulator, "wiring", WIRED)
-
-
-PRESSED = [c_over_510([200, 100, 255, 0, 30])] * 4
-
-
-@pytest.mark.parametrize("sync_latch", [0, 1], ids=["sync_ff", "sync_latch"])
-def test_enable_takes_the_analog_side_off_without_a_clock(simulator: str, sync_latch: int) -> None:
-    """Nanoseconds: none in the Verilog, on mapped gates those of a gate and its load."""
-    assert run(simulator, "off", SMALL | ({"SYNC_LATCH": 1} if sync_latch else {}), x=PRESSED) <= 100.0
 
 
 @pytest.mark.long
@@ -199,14 +189,6 @@ def test_a_wrong_wire_is_seen(fault: str, tmp_path: Path) -> None:
     trap = changed(tmp_path, module, (right, wrong))
     with pytest.raises(AssertionError, match=r"1 failed"):
         run("icarus", "wiring", WIRED, trap=trap)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("output", ["row_select", "charge", "test_current", "preset"])
-def test_an_output_that_needs_the_clock_is_seen(output: str, tmp_path: Path) -> None:
-    (line,) = re.findall(rf"^  assign {output}_o .*$", (RTL / "dermis_top.v").read_text(), re.MULTILINE)
-    trap = changed(tmp_path, "dermis_top", (line, f"  assign {output}_o = {output};"))
-    assert run("icarus", "off", trap=trap, x=PRESSED) > 100.0
 
 
 @pytest.mark.long
