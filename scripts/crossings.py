@@ -26,6 +26,9 @@ from dermis.scene.design import ROOT
 from scripts.judged import tool
 
 SYNC, RESET = "dermis_tech_sync", "dermis_reset_sync"
+FLOPS = ("$_DFF", "$_DLATCH", "$_SDFF", "$_ALDFF", "$_SR")
+CLOCKS = ("C", "E", "CLK", "clk_i")
+"""Pins of cells that clock them."""
 SIZE = {"ROWS": 3, "COLS": 2}
 """Small, and no row is a column."""
 TIME_LIMIT_S = 60.0
@@ -90,7 +93,7 @@ class Netlist:
             return
         _, cell = self.drivers[bit]
         kind = cell["type"]
-        if kind.startswith(("$_DFF", "$_DLATCH")):
+        if kind.startswith(FLOPS):
             yield "flop", bit, cell
         elif kind in (SYNC, RESET):
             yield "sync", bit, cell
@@ -102,17 +105,27 @@ class Netlist:
                     yield from self.sources(each, seen)
 
     def clock(self, bit: int) -> str:
-        """Return the pins that a clock comes from."""
-        return " ".join(sorted({self.pins[at] for kind, at, _ in self.sources(bit) if kind == "pin"}))
+        """Return what a clock comes from: one pin, unless something gates it."""
+        return " ".join(
+            sorted(
+                {self.pins.get(at) or self.names[at] for kind, at, _ in self.sources(bit) if kind != "sync"}
+            )
+        )
 
     def place(self, kind: str, bit: int, cell: Mapping[str, Any] | None) -> Place:
         """Return the name of a source and its clock."""
         if kind == "pin":
             return self.pins[bit], self.rules["pins"].get(self.pins[bit], "")
-        if kind == "memory":
-            writes = [c for c in self.top["cells"].values() if c["type"].startswith("$memwr")]
-            return "memory", self.clock(writes[0]["connections"]["CLK"][0])
-        return self.names[bit], self.clock(_clock_of(cell))
+        name = "memory" if kind == "memory" else self.names[bit]
+        cell = self.writes[0] if kind == "memory" else cell
+        return name, self.clock(
+            next(cell["connections"][pin][0] for pin in CLOCKS if pin in cell["connections"])
+        )
+
+    @cached_property
+    def writes(self) -> list[Mapping[str, Any]]:
+        """Write ports of the frame memory."""
+        return [cell for cell in self.top["cells"].values() if cell["type"].startswith("$memwr")]
 
     @cached_property
     def paths(self) -> list[tuple[str, Place, Place]]:
@@ -120,25 +133,29 @@ class Netlist:
         found = []
         for cell in self.top["cells"].values():
             kind, pins = cell["type"], cell["connections"]
-            if kind.startswith(("$_DFF", "$_DLATCH")):
+            if kind.startswith(FLOPS):
                 target = self.place("flop", pins["Q"][0], cell)
-                ends = [("data", pins["D"][0]), ("reset", pins["R"][0] if "R" in pins else None)]
+                data, resets = [pins["D"][0]], [pins[pin][0] for pin in ("R", "S", "L") if pin in pins]
+            elif kind.startswith("$memwr"):
+                target = self.place("memory", 0, cell)
+                data, resets = [bit for pin in ("DATA", "ADDR", "EN") for bit in pins[pin]], []
             elif kind == SYNC:
                 target = self.place("sync", pins["q_o"][0], cell)
-                ends = [("synchronizer", pins["d_i"][0]), ("reset", pins["rst_ni"][0])]
+                data, resets = [], [pins["rst_ni"][0]]
+                # It takes a flop or a pin, for what a gate makes of two edges is a third one.
+                if pins["d_i"][0] not in self.pins and not self.drivers[pins["d_i"][0]][1]["type"].startswith(
+                    FLOPS
+                ):
+                    found.append(("gates before", (self.names[pins["d_i"][0]], ""), target))
+            elif kind == RESET:
+                target = self.place("sync", pins["rst_no"][0], cell)
+                data, resets = [], [pins["rst_ni"][0]]
             else:
                 continue
-            for what, bit in ends:
-                for source in self.sources(bit):
-                    direct = what != "reset" or (source[2] or {}).get("type") == RESET
-                    found.append((what if direct else "raw reset", self.place(*source), target))
-                # A synchronizer takes a flop or a pin, for what a gate makes of two edges is a third one.
-                if (
-                    what == "synchronizer"
-                    and bit not in self.pins
-                    and self.drivers[bit][1]["type"][:5] != "$_DFF"
-                ):
-                    found.append(("gates before", (self.names[bit], ""), target))
+            for what, bits in (("data", data), ("reset", resets)):
+                for source in (source for bit in bits for source in self.sources(bit)):
+                    through = what == "data" or (source[2] or {}).get("type") == RESET
+                    found.append((what if through else "raw reset", self.place(*source), target))
         return found
 
     def findings(self) -> list[str]:
@@ -146,7 +163,7 @@ class Netlist:
         found = {
             f"{what}: {source} ({before or 'any time'}) -> {target} ({after})"
             for what, (source, before), (target, after) in self.paths
-            if what in ("raw reset", "gates before") or (what != "synchronizer" and before != after)
+            if what in ("raw reset", "gates before") or before != after
         }
         allowed = [
             f"{rule['what']}: (?:{rule['from']}) \\(.*\\) -> (?:{rule['to']}) \\(.*\\)"
@@ -157,20 +174,18 @@ class Netlist:
         return left + self.short() + [f"no path for the exception {rule}" for rule in unused]
 
     def short(self) -> list[str]:
-        """Name the synchronizers that have fewer than two flops in a row."""
+        """Name the synchronizers that are not two flops in a row on one edge of their clock, from pin to pin."""
         found = []
-        for name, start in ((SYNC, "d_i"), (RESET, "rst_ni")):
+        for name, first, last in ((SYNC, "d_i", "q_o"), (RESET, None, "rst_no")):
+            ports = {port: p["bits"][0] for port, p in self.modules.get(name, {"ports": {}})["ports"].items()}
             cells = self.modules.get(name, {"cells": {}})["cells"].values()
-            flops = [cell["connections"] for cell in cells if cell["type"].startswith("$_DFF")]
-            behind = {bit for pins in flops for bit in pins["Q"]}
-            if len(flops) < 2 or sum(pins["D"][0] in behind for pins in flops) < len(flops) - 1:
-                found.append(f"{name}: fewer than two flops between {start} and its output")
+            flops = {cell["connections"]["Q"][0]: cell for cell in cells if cell["type"] == "$_DFF_PN0_"}
+            at, count = ports.get(last), 0
+            while at in flops and flops[at]["connections"]["C"][0] == ports["clk_i"] and count < len(flops):
+                at, count = flops[at]["connections"]["D"][0], count + 1
+            if count < 2 or count < len(cells) or at != (ports[first] if first else "1"):
+                found.append(f"{name}: not two flops in a row on one edge of clk_i")
         return found
-
-
-def _clock_of(cell: Mapping[str, Any]) -> int:
-    pins = cell["connections"]
-    return next(pins[name][0] for name in ("C", "E", "clk_i") if name in pins)
 
 
 WIRE = "module dermis_wire (input wire clk_i, rst_ni, d_i, output wire q_o); assign q_o = d_i; endmodule\n"

@@ -16,6 +16,10 @@ rt01 row0 col1 10k
 rt11 row1 col1 10k
 cc0 col0 0 400p
 cc1 col1 0 400p
+ccomp0 comp0 vss 50f
+ccomp1 comp1 vss 50f
+csense0 d_sense0 vss 50f
+csense1 d_sense1 vss 50f
 v_enable logic_enable 0 pwl(0 0 2u 0 2.01u 1 70u 1 70.01u 0)
 v_preset logic_preset 0 pwl(0 1 40u 1 40.001u 0 58u 0 58.01u 1)
 v_row0 logic_row0 0 pwl(0 1 53u 1 53.01u 0)

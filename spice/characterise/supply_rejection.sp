@@ -9,6 +9,8 @@ vrow logic_row 0 1
 vcharge logic_charge 0 1
 vhold logic_hold 0 1
 vpreset logic_preset 0 0
+vk0 logic_k0 0 0
+vk1 logic_k1 0 1
 {columns}
 .control
 {analyses}

@@ -11,7 +11,7 @@ xpedestal_{load} col_{load} ibias_{load} vdd vss pedestal
 xnull_{load} col_{load} y_{load} d_preset agnd ibias_{load} vdd vss vdd_d vss_d offset_null
 rstored_{load} xnull_{load}.v_in xnull_{load}.v_amp 1g
 xconveyor_{load} y_{load} col_{load} z_{load} ibias_{load} vdd vss conveyor
-xmirror_{load} z_{load} out_{load} ibias_{load} vdd vss mirror_fixed
+xmirror_{load} z_{load} out_{load} d_k0 d_k1 ibias_{load} vdd vss vdd_d vss_d mirror
 vout_{load} out_{load} sum_{load} 0
 xcharge_{load} d_charge packet_{load} ibias_{load} vdd vss vdd_d vss_d charge_source
 vpacket_{load} packet_{load} sum_{load} 0

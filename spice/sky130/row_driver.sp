@@ -14,12 +14,12 @@ xs_ground row agnd ground_on ground_off vdd vss row_switch
 * close is high, and open low, if a switch is wanted and both gates of the other one have let go.
 .subckt row_interlock wanted other_on other_off close open vdd vss
 xnot other_on other vdd vss vss inverter
-xn_other open other v_off vss nmos w=12 l=0.5
-xn_off v_off other_off v_wanted vss nmos w=12 l=0.5
-xn_wanted v_wanted wanted vss vss nmos w=12 l=0.5
-xp_wanted open wanted vdd vdd pmos w=8 l=0.5
-xp_other open other vdd vdd pmos w=8 l=0.5
-xp_off open other_off vdd vdd pmos w=8 l=0.5
+xn_other open other v_wanted vss nmos w=12 l=0.5
+xn_wanted v_wanted wanted v_off vss nmos w=12 l=0.5
+xn_off v_off other_off vss vss nmos w=12 l=0.5
+xp_wanted open wanted vdd vdd pmos w=16 l=0.5
+xp_other open other vdd vdd pmos w=16 l=0.5
+xp_off open other_off vdd vdd pmos w=16 l=0.5
 xclose open close vdd vss vss inverter k=2
 .ends row_interlock
 * Gates of a switch; they open it faster than they close it.

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from ngspice_batch import SECTIONS, SPICE, Bench, run
 
-from dermis.chip import spice_batch
+from dermis.chip import sky130, spice_batch
 from dermis.errors import SimulatorError
+from scripts.characterise import benches, runs
 
 BENCHES = sorted(p.stem for p in (SPICE / "bench").glob("*.sp"))
 
@@ -110,21 +111,32 @@ def test_every_block_has_a_bench() -> None:
 
 
 def test_how_long_a_device_is_beyond_its_class_is_read_from_the_steps() -> None:
-    """Two edges apart, one that goes on while the steps widen, and what the operating point has."""
-    steps = {
-        "edges": (1e-6, 1.001e-6, 1.2e-6, 1.2005e-6),
-        "goes on": (1e-6, 1.001e-6, 1.004e-6, 1.01e-6, 1.03e-6),
-    }
-    steps["stands"] = (0.0, 1e-6)
+    """Two edges apart, a slow rise that goes on, steps as long as the run's, and what the operating point has."""
+    steps = {"ed": (1e-6, 1.001e-6, 3e-6, 3.0005e-6), "sl": (1e-6, 2e-6, 3e-6, 4e-6), "st": (0.0, 1e-6)}
+    every = sorted({time for times in steps.values() for time in times} | {1.5e-6, 3.5e-6})
+    steps["sl"] = tuple(time for time in every if time >= 1e-6)
     said = "".join(
-        f"Instance: m.{name[:2]} Model: nhv.7 Time: {t:g} Vgs=-{3.7 + n / 10:g} has exceeded Vgs_max=3.64\n"
-        for name, times in steps.items()
-        for n, t in enumerate(times)
+        f"Instance: r_every_step Model: every_step Time: {time:g} |Vr|=1 has exceeded Bv_max=0.1\n"
+        + "".join(
+            f"Instance: m.{name} Model: nhv.7 Time: {time:g} Vgs=-{3.7 + times.index(time) / 10:g} "
+            "has exceeded Vgs_max=3.64\n"
+            for name, times in steps.items()
+            if time in times
+        )
+        for time in every
     )
     said += "Instance: m.dc Model: nhv.7 Vgd=3.9 has exceeded Vgd_max=3.64\nother = 1.0\n"
     found = spice_batch._exceeded(said)
-    assert found.keys() == {"m.ed Vgs", "m.go Vgs", "m.st Vgs", "m.dc Vgd"}
-    # Times have six digits, and both edges of a nanosecond or half of one are apart.
+    assert found.keys() == {"m.ed Vgs", "m.sl Vgs", "m.st Vgs", "m.dc Vgd"}
+    # Times have six digits.
     assert found["m.ed Vgs"] == (pytest.approx(4.0), pytest.approx(1e-9, abs=1e-12))
-    assert found["m.go Vgs"] == (pytest.approx(4.1), pytest.approx(3e-8, abs=1e-12))
+    assert found["m.sl Vgs"][1] == pytest.approx(3e-6, abs=1e-12)
     assert found["m.st Vgs"][1] == found["m.dc Vgd"][1] == float("inf")
+
+
+# What an outsider found to be overlooked: rises slower than a step.
+@pytest.mark.parametrize(("gate", "step"), [("0 0 0.4m 5 2m 5", "1u 1m"), ("0 0 100u 4 2m 4", "100n 1m")])
+def test_a_slow_rise_beyond_a_class_is_seen(gate: str, step: str) -> None:
+    body = f"vg g 0 pwl({gate})\nvd d 0 0.1\nxn d g 0 0 nmos w=5 l=0.5\n.tran {step}\n.meas tran x find v(g) at=0.9m\n"
+    measured = runs.simulate(runs.resolved(benches.deck(body, benches.Condition())), 60.0)
+    assert any("Vgs" in said for said in sky130.outside_class(measured.exceeded))

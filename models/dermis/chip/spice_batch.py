@@ -90,21 +90,32 @@ def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -
     return Measured(values, tuple(rungs.retries), exceeded)
 
 
+# A resistor that is always beyond its limit: its lines are the times of all steps.
+_STEPS = (
+    ".model every_step r bv_max=0.1",
+    "v_every_step every_step 0 1",
+    "r_every_step every_step 0 every_step 1k",
+)
+_STEP = re.compile(rf"^Instance: r_every_step Model: \S+(?: Time: ({_NUMBER}))?.*\n", re.MULTILINE)
+_CHECKED = re.compile(r"^\.options .*\bwarn=1\b", re.MULTILINE)
+
+
 def _exceeded(said: str) -> dict[str, tuple[float, float]]:
     """Return what `Measured.exceeded` has, from the lines of ngspice's check."""
-    steps: dict[str, list[tuple[float, float]]] = {}
-    for device, time, pair, volts in _EXCEEDED.findall(said):
-        steps.setdefault(f"{device} {pair}", []).append((float(time or 0.0), abs(float(volts))))
-    found = {}
-    for name, points in steps.items():
-        begin = before = points[0][0]
-        longest = math.inf if begin == 0.0 else 0.0  # what the operating point has stands
-        for now, _ in points:
-            # ngspice widens its steps after an edge, so one that goes on has none longer than thrice the time since.
-            if now - before > 2e-9 + 3.0 * (before - begin):
-                begin = now
-            before, longest = now, max(longest, now - begin)
-        found[name] = max(volts for _, volts in points), longest
+    times = dict.fromkeys(float(time or 0.0) for time in _STEP.findall(said))
+    number = {time: n for n, time in enumerate(times)}
+    found: dict[str, tuple[float, float]] = {}
+    began: dict[str, tuple[float, float]] = {}  # the first and the last step of the stretch that goes on
+    for device, said_time, pair, volts in _EXCEEDED.findall(said):
+        name, time = f"{device} {pair}", float(said_time or 0.0)
+        begin, before = began.get(name, (time, time))
+        # A step between them at which it was not beyond ends a stretch.
+        if number.get(time, 0) - number.get(before, 0) > 1:
+            begin = time
+        began[name] = begin, time
+        most, longest = found.get(name, (0.0, 0.0))
+        # What the operating point has stands.
+        found[name] = max(most, abs(float(volts))), max(longest, time - begin if begin else math.inf)
     return found
 
 
@@ -118,11 +129,12 @@ def _attempt(
     # ngspice prints 7 digits of a measurement; of a formula it prints NGSPICE_MEAS_PRECISION digits.
     text = _MEAS.sub(r"\g<0>\n.meas \1 full_\2 param='\2'", text)
     start, extra = ladder.START[level.start], list(level.option_lines)
+    extra += _STEPS if _CHECKED.search(text) else ()
     if start.guess:
         extra += _guess(tool, deck, text, extra, limit_s)
         start = ladder.START[0]
     said, code = _ngspice(tool, deck, _with(text, extra, [start.optran]), limit_s)
-    exceeded, said = _exceeded(said), _EXCEEDED.sub("", said)
+    exceeded, said = _exceeded(said), _EXCEEDED.sub("", _STEP.sub("", said))
     if found := _ABORT.search(said):
         time = _TIME.search(said)
         steps = time is not None or "initial timepoint" in said

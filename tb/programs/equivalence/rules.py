@@ -71,7 +71,9 @@ def _changed(line: str, nets: set[str]) -> Iterator[tuple[str, str]]:
         if length := re.search(r" l=([\d.]+)", line):
             yield "half", line.replace(length[0], f" l={float(length[1]) / 2:g}")
     if what == "transistor":
-        yield "oxide", " ".join([name, *pins, TRANSISTORS[device], *sizes])
+        # A device of 1.8 V has no k; ngspice would take a k of its own for that of the circuit around it.
+        plain = [size for size in sizes if size[0] != "k"]
+        yield "oxide", " ".join([name, *pins, TRANSISTORS[device], *plain])
         if pins[3] != pins[2]:
             yield "bulk", " ".join([name, *pins[:3], pins[2], device, *sizes])
     if device == "inverter":
