@@ -67,7 +67,7 @@ xn_inc in vcn v_in vss nmos w=20 l=1 k={units}
 * Gate of a group: that of the mirror if on, vss if off. Behind a switch of 2 kohm the 43 pF of a group stand still above
 * 2 MHz, and the ratio there is 20: ripple of the supply came through twice as large.
 .subckt mirror_gate line gate on off vdd vss
-xswitch line gate on off vdd vss switch k=8
+xswitch line gate on off vdd vss switch k=10
 xn_off gate off vss vss nmos w=2 l=0.5
 .ends mirror_gate
 * 1:1: the current drawn from in is sourced at out.

@@ -57,7 +57,7 @@ def test_a_change_of_the_text_is_found(fault, text, sheets):
     ("file", "old", "new"),
     [
         ("bias.sp", "w=0.69 l=403", "w=1 l=403"),
-        ("conveyor.sp", "w=26.5 l=26.5", "w=31 l=26.5"),
+        ("conveyor.sp", "w=27.5 l=27.5", "w=31 l=27.5"),
         ("column.sp", "m=42 mult=42", "m=42"),
         ("bias.sp", "xstart vdd v_start vss", "xstart vdd v_start vdd"),
         ("ota.sp", "xn_cascn out vcn v_mn vss", "xn_cascn out vcn v_mn v_mn"),

@@ -270,8 +270,8 @@ def outside_class(exceeded: Mapping[str, Sequence[float]]) -> list[str]:
     found = []
     for device, (volts, seconds) in exceeded.items():
         oxide = next(oxide for name, oxide in TRANSISTORS.items() if f"__{name} " in device)
-        # 50 mV more where a plate or a gate takes a node beyond a rail, 10 mV of them before ngspice says so.
-        if volts > EDGE_V[oxide] or (volts > CLASS_V[oxide] + 0.05 and seconds > EDGE_S):
+        # 0.12 V more where a plate or a gate holds a node beyond a rail, 10 mV of them before ngspice says so.
+        if volts > EDGE_V[oxide] or (volts > CLASS_V[oxide] + 0.12 and seconds > EDGE_S):
             found.append(f"{device} {volts:.3g} V for {seconds:.2g} s")
     return found
 
