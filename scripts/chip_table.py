@@ -147,13 +147,13 @@ def whole(condition: Condition) -> dict[str, float]:
     def bench(name: str) -> dict[str, float]:
         return BENCHES[name].values(runs.measured(BENCHES[name].body, condition))
 
-    supply, topology = bench("supply_conveyor_mirror"), "conveyor_mirror"
-    row_w = 16e-3 * (0.5 + benches.SUPPLY_V)  # from vbias to vss
-    rest_a = supply[f"supply_array_a.{topology}"] - 16e-3
+    row_a = 16e-3
+    rest_a = bench("supply_conveyor_mirror")["supply_array_a.conveyor_mirror"] - row_a
+    rest_mw = 2e3 * benches.SUPPLY_V * rest_a
     return {
         "chip.supply_rejection": bench("supply_rejection")["supply_rejection.vdd"],
-        "chip.power_mw.rest": 2e3 * benches.SUPPLY_V * rest_a,
-        "chip.power_mw.row": 2e3 * benches.SUPPLY_V * rest_a + 1e3 * row_w,
+        "chip.power_mw.rest": rest_mw,
+        "chip.power_mw.row": rest_mw + 1e3 * row_a * (0.5 + benches.SUPPLY_V),  # from vbias to vss
     }
 
 

@@ -17,7 +17,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from dermis.chip.sources import TOP, rtl_include_dirs, rtl_sources
+from dermis.chip.sources import TOP, read_verilog
 from dermis.errors import SimulatorError
 from dermis.processes.children import output_of
 from dermis.report import verdict
@@ -37,19 +37,21 @@ Place = tuple[str, str]
 """Name of a net and the clock that moves it; empty for a pin that moves at any time."""
 
 
+def _rules(root: Path) -> dict[str, Any]:
+    return tomllib.loads((root / "rtl" / "lint" / "crossings.toml").read_text(encoding="utf-8"))
+
+
 class Netlist:
     """The core as gates, its synchronizers whole."""
 
     def __init__(self, root: Path, latch: bool) -> None:
-        self.rules = tomllib.loads((root / "rtl" / "lint" / "crossings.toml").read_text(encoding="utf-8"))
-        includes = " ".join(f"-I{folder.relative_to(root)}" for folder in rtl_include_dirs(root))
-        sources = " ".join(str(path.relative_to(root)) for path in rtl_sources(root))
+        self.rules = _rules(root)
         size = " ".join(
             f"-chparam {key} {value}" for key, value in {**SIZE, "SYNC_LATCH": int(latch)}.items()
         )
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "top.json"
-            script = f"read_verilog {includes} {sources}; hierarchy -check -top {TOP} {size}; proc; "
+            script = f"{read_verilog(root)}; hierarchy -check -top {TOP} {size}; proc; "
             script += f"setattr -mod -set keep_hierarchy 1 {SYNC} {RESET}; flatten; opt_clean; simplemap; "
             said = output_of(
                 [tool("yosys"), "-Q", "-T", "-p", f"{script}write_json {out}"], TIME_LIMIT_S, root
@@ -73,6 +75,8 @@ class Netlist:
             if cell["port_directions"].get(pin) == "output"
             for bit in bits
         }
+        cells = self.top["cells"].values()
+        self.writers = {c["parameters"]["MEMID"]: c for c in cells if c["type"].startswith("$memwr")}
         self.pins = {
             bit: name
             for name, p in self.top["ports"].items()
@@ -99,7 +103,7 @@ class Netlist:
             yield "sync", bit, cell
         else:
             if kind.startswith("$memrd"):
-                yield "memory", bit, cell
+                yield "memory", bit, self.writers[cell["parameters"]["MEMID"]]
             for pin, bits in cell["connections"].items():
                 for each in bits if cell["port_directions"].get(pin) == "input" else ():
                     yield from self.sources(each, seen)
@@ -116,16 +120,9 @@ class Netlist:
         """Return the name of a source and its clock."""
         if kind == "pin":
             return self.pins[bit], self.rules["pins"].get(self.pins[bit], "")
-        name = "memory" if kind == "memory" else self.names[bit]
-        cell = self.writes[0] if kind == "memory" else cell
-        return name, self.clock(
+        return "memory" if kind == "memory" else self.names[bit], self.clock(
             next(cell["connections"][pin][0] for pin in CLOCKS if pin in cell["connections"])
         )
-
-    @cached_property
-    def writes(self) -> list[Mapping[str, Any]]:
-        """Write ports of the frame memory."""
-        return [cell for cell in self.top["cells"].values() if cell["type"].startswith("$memwr")]
 
     @cached_property
     def paths(self) -> list[tuple[str, Place, Place]]:
@@ -199,8 +196,7 @@ def seeded(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
     ValueError
         The Verilog has no place for a fault.
     """
-    rules = tomllib.loads((root / "rtl" / "lint" / "crossings.toml").read_text(encoding="utf-8"))
-    for name, fault in rules["seeded"].items():
+    for name, fault in _rules(root)["seeded"].items():
         copy = folder / name
         shutil.copytree(root / "rtl", copy / "rtl")
         path = copy / "rtl" / fault["file"]

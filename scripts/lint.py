@@ -12,7 +12,7 @@ from pathlib import Path
 
 import click
 
-from dermis.chip.sources import FILE_LIST, TOP, rtl_include_dirs, rtl_sources, verilator_root
+from dermis.chip.sources import FILE_LIST, TOP, read_verilog, rtl_sources, verilator_root
 from dermis.chip.spi_protocol import SPECIAL_SLOTS, frame_bytes
 from dermis.processes.children import output_of
 from dermis.report import verdict
@@ -71,11 +71,9 @@ def _yosys(
     name: str, root: Path, read: str, top: str, latches: int | None = None
 ) -> tuple[Row, int | None, dict[str, int] | None]:
     """Return the row; with `latches` also bits of memory, and cells by type of the flat design."""
-    includes = " ".join(f"-I{d.relative_to(root)}" for d in rtl_include_dirs(root))
-    sources = " ".join(str(s.relative_to(root)) for s in rtl_sources(root))
     with tempfile.TemporaryDirectory() as scratch:
         cells, memories = Path(scratch) / "cells.json", Path(scratch) / "memories.json"
-        script = [f"read_verilog {includes} {read} {sources}", f"hierarchy -check -top {top}", "proc"]
+        script = [read_verilog(root, read), f"hierarchy -check -top {top}", "proc"]
         # Before `memory`, whose write ports would count as flops; after it the words stay together
         # as $mem.
         flat = ["flatten", "check -assert", f"tee -q -o {memories} stat -json", "memory -nomap", "opt_clean"]

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from dermis import engines, plan
 from dermis.chip import sky130, spice_batch
+from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.report import verdict
 from dermis.report.verdict import Row
@@ -122,10 +123,22 @@ def limit_of(name: str) -> Limit | None:
 
 
 def record(outcomes: Mapping[Job, Outcome]) -> None:
-    """Write RECORD from the jobs at typical."""
+    """Write RECORD from the jobs at typical; SimulatorError if one of them has no values."""
+    if faults := [f"{job.bench}: {outcome.fault}" for job, outcome in outcomes.items() if outcome.fault]:
+        raise SimulatorError(f"not recorded: {faults[0]}")
     values = {name: value for outcome in outcomes.values() for name, value in outcome.values.items()}
     head = "# SPDX-License-Identifier: Apache-2.0\n# Written by dermis extract: the benches at typical.\n"
     write_atomic(RECORD, head + "".join(f'"{name}" = {values[name]:.8g}\n' for name in sorted(values)))
+
+
+def missed(values: Mapping[str, float]) -> list[str]:
+    """Say which quantities at typical miss a limit."""
+    rows = ((name, row) for name in values for row in (name, f"typical.{name}") if limit_of(row))
+    return [
+        f"{name} {values[name]:.4g}"
+        for name, row in rows
+        if verdict.judge(f"{PREFIX}.{row}", values[name])["status"] != "PASS"
+    ]
 
 
 def moved(values: Mapping[str, float]) -> list[str]:

@@ -42,3 +42,10 @@ def rtl_include_dirs(root: Path = ROOT) -> list[Path]:
     """The include directories of rtl/files.f."""
     prefix = "+incdir+"
     return [root / line.removeprefix(prefix) for line in _lines(root / FILE_LIST) if line.startswith(prefix)]
+
+
+def read_verilog(root: Path = ROOT, more: str = "") -> str:
+    """The line with which Yosys reads the files of rtl/files.f, from `root`, behind `more` options or files."""
+    includes = " ".join(f"-I{folder.relative_to(root)}" for folder in rtl_include_dirs(root))
+    sources = " ".join(str(path.relative_to(root)) for path in rtl_sources(root))
+    return f"read_verilog {includes} {more} {sources}"

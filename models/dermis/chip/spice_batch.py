@@ -38,6 +38,14 @@ _EXCEEDED = re.compile(
     rf"^Instance: (\S+) Model: \S+(?: Time: ({_NUMBER}))? (V\w\w)=({_NUMBER}) has exceeded.*\n",
     re.MULTILINE,
 )
+# A resistor that is always beyond its limit: its lines are the times of all steps.
+_STEPS = (
+    ".model every_step r bv_max=0.1",
+    "v_every_step every_step 0 1",
+    "r_every_step every_step 0 every_step 1k",
+)
+_STEP = re.compile(rf"^Instance: r_every_step Model: \S+(?: Time: ({_NUMBER}))?.*\n", re.MULTILINE)
+_CHECKED = re.compile(r"^\.options .*\bwarn=1\b", re.MULTILINE)
 _TIME = re.compile(rf"time\s*=\s*({_NUMBER})", re.IGNORECASE)
 # ngspice takes two OpenMP threads for transistors and ignores OMP_NUM_THREADS. On a busy machine they spin
 # while they wait for each other, and a deck takes ten times as long.
@@ -88,16 +96,6 @@ def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -
     rungs = ladder.Climb(deck.stem, level)
     values, exceeded = ladder.climb(lambda level: _attempt(tool, deck, limit_s, level), rungs)
     return Measured(values, tuple(rungs.retries), exceeded)
-
-
-# A resistor that is always beyond its limit: its lines are the times of all steps.
-_STEPS = (
-    ".model every_step r bv_max=0.1",
-    "v_every_step every_step 0 1",
-    "r_every_step every_step 0 every_step 1k",
-)
-_STEP = re.compile(rf"^Instance: r_every_step Model: \S+(?: Time: ({_NUMBER}))?.*\n", re.MULTILINE)
-_CHECKED = re.compile(r"^\.options .*\bwarn=1\b", re.MULTILINE)
 
 
 def _exceeded(said: str) -> dict[str, tuple[float, float]]:

@@ -160,6 +160,10 @@ def rule_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
 def equivalence_command(only: tuple[str, ...], seeded: bool, jobs: int, fresh: bool) -> int:
     """Channels in transistors against the models extracted from them; rows in build/equivalence.json."""
     if seeded:
+        names = (*faults.FAULTS, *(fault.name for fault in rules.faults()))
+        if only and not any(word in name for word in only for name in names):
+            allowed = f"part of one of {', '.join(faults.FAULTS)}, or of SUBCIRCUIT.ELEMENT.KIND"
+            raise InputError("command line", "--only", " ".join(only), allowed)
         rows = fault_rows(only, jobs, fresh) + rule_rows(only, jobs, fresh)
     else:
         cases = chosen({case.name: case for case in gate.everything()}, only)

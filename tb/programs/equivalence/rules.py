@@ -19,7 +19,6 @@ from pathlib import Path
 from dermis.chip import sky130
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
-from dermis.report import verdict
 from dermis.scene.extracted import CIRCUIT
 from scripts.characterise import results, runs
 from scripts.characterise.benches import BENCHES
@@ -135,13 +134,13 @@ def noticed(fault: Fault, folder: Path) -> str:
         return f"make schematics: {odd[0]}"
     place = folder / re.sub(r"\W", "_", fault.name)
     shutil.rmtree(place, ignore_errors=True)
-    shutil.copytree(CIRCUIT, place)
     if fault.file:
+        shutil.copytree(CIRCUIT, place)
         write_atomic(place / fault.file, wrong)
     for name, (sound, reached) in _reach().items():
         if fault.subckt not in reached:
             continue
-        deck = runs.Job(name, runs.TYPICAL).deck(place)
+        deck = runs.Job(name, runs.TYPICAL).deck(place if fault.file else None)
         text = runs.resolved(deck if fault.file else deck.replace(right.strip(), wrong.strip()))
         if text == sound:
             continue
@@ -154,12 +153,8 @@ def noticed(fault: Fault, folder: Path) -> str:
         outcome = runs.outcome(runs.Job(name, runs.TYPICAL), measured)
         if outcome.fault:
             return f"{name}: {outcome.fault}"
-        for quantity, value in outcome.values.items():
-            for row in (quantity, f"typical.{quantity}"):
-                if results.limit_of(row) and verdict.judge(f"sky130.{row}", value)["status"] != "PASS":
-                    return f"{name}: {quantity} {value:.4g}"
-        if off := results.moved(outcome.values):
-            return f"{name}: {off[0]}"
+        if said := results.missed(outcome.values) or results.moved(outcome.values):
+            return f"{name}: {said[0]}"
     shutil.rmtree(place, ignore_errors=True)
     return ""
 
