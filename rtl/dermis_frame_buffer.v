@@ -42,6 +42,7 @@ module dermis_frame_buffer #(
   wire        grant;
   wire        free;
   wire        swap;
+  wire        lose;
   wire        back;
   wire [15:0] waddr;
   wire [15:0] count;
@@ -69,6 +70,8 @@ module dermis_frame_buffer #(
 
   // A waiting frame becomes readable in the clock of the release, before the next frame begins.
   assign swap  = free & (waiting_q | end_i);
+  // A frame that waits is overwritten by the next, an unread one in front replaced by the newer.
+  assign lose  = free ? swap & ready_q : waiting_q & begin_i;
   assign back  = ~(front_q ^ (waiting_q & free));
   assign waddr = begin_i ? 16'd0 : waddr_q;
   assign count = waddr + {15'd0, we_i};
@@ -100,7 +103,7 @@ module dermis_frame_buffer #(
       if (end_i && !back) length0_q <= count;
       if (end_i && back)  length1_q <= count;
 
-      if (waiting_q && !free && begin_i && !(&lost_q)) lost_q <= lost_q + 16'd1;
+      if (lose && !(&lost_q)) lost_q <= lost_q + 16'd1;
     end
 
   dermis_tech_ram #(.WORDS (BANK_BYTES)) u_bank0 (

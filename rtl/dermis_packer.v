@@ -3,10 +3,12 @@
 // (docs/rtl.md).
 // Interface: row_valid_i offers a row, count_shift_o takes its columns in order, busy_o is high
 // until all are taken. begin_o opens a frame, we_o writes byte_o, end_o closes it; column_valid_o
-// marks the raw count of column_o.
+// marks the raw count of column_o. underflow_o: a pedestal was above a count of the latest whole
+// frame.
 // Timing: begin_o with row_valid_i of the first row, then one byte a clock, end_o one clock after
 // the last.
-// Why the pedestal mode is sampled at the first row: the header then holds for the whole frame.
+// Why the pedestal mode comes with the row: the scanner samples it with all other settings of a
+// frame.
 `include "dermis_design.vh"
 `default_nettype none
 
@@ -22,11 +24,11 @@ module dermis_packer #(
   input  wire                      last_i,
   input  wire                      test_frame_i,
   input  wire                      dark_frame_i,
+  input  wire [1:0]                pedestal_mode_i,
   input  wire [15:0]               gate_clocks_i,
   input  wire [CODE_BITS:0]        count_i,
   output wire                      count_shift_o,
   output wire                      busy_o,
-  input  wire [1:0]                pedestal_mode_i,
   input  wire [COLS*CODE_BITS-1:0] pedestal_i,
   input  wire                      fault_i,
   output wire [15:0]               frame_number_o,
@@ -34,6 +36,7 @@ module dermis_packer #(
   output wire                      we_o,
   output wire [7:0]                byte_o,
   output wire                      end_o,
+  output wire                      underflow_o,
   output wire                      column_valid_o,
   output wire [6:0]                column_o,
   output wire [CODE_BITS:0]        column_count_o,
@@ -58,29 +61,34 @@ module dermis_packer #(
   reg [2:0]                phase_q;
   reg [6:0]                index_q;
   reg                      low_q;
-  reg [1:0]                mode_q;
   reg [15:0]               frame_number_q;
   reg [15:0]               crc_q;
   reg [OVER_BITS-1:0]      over_q;
   reg [COLS*CODE_BITS-1:0] ring_q;
   reg                      end_q;
+  reg                      under_q;
+  reg                      underflow_q;
 
   reg  [7:0]                    header;
   reg  [7:0]                    data;
   reg  [CODE_BITS-1:0]          pedestal;
   wire [15:0]                   crc;
+  wire [1:0]                    mode;
   wire                          special;
   wire [CODE_BITS+1:0]          difference;
   wire                          over;
+  wire                          under;
   wire [CODE_BITS-1:0]          code;
   wire [15:0]                   code_wide;
   wire                          taken;
   wire [CODE_BITS-1:0]          ring_word;
 
+  assign mode       = (pedestal_mode_i == 2'd3) ? 2'd0 : pedestal_mode_i;
   assign special    = (slot_i[7:4] == 4'hF);
   assign difference = {1'b0, count_i} - {2'b00, pedestal};
-  assign over       = ~difference[CODE_BITS+1] & difference[CODE_BITS];
-  assign code       = difference[CODE_BITS+1] ? {CODE_BITS{1'b0}}
+  assign under      = difference[CODE_BITS+1];
+  assign over       = ~under & difference[CODE_BITS];
+  assign code       = under                 ? {CODE_BITS{1'b0}}
                     : over                    ? {CODE_BITS{1'b1}}
                     :                           difference[CODE_BITS-1:0];
   assign code_wide  = {{(16-CODE_BITS){1'b0}}, code};
@@ -90,14 +98,14 @@ module dermis_packer #(
 
   always @*
     if (special)             pedestal = {CODE_BITS{1'b0}};
-    else if (mode_q == 2'd1) pedestal = pedestal_i[index_q*CODE_BITS +: CODE_BITS];
-    else if (mode_q == 2'd2) pedestal = ring_q[CODE_BITS-1:0];
+    else if (mode == 2'd1) pedestal = pedestal_i[index_q*CODE_BITS +: CODE_BITS];
+    else if (mode == 2'd2) pedestal = ring_q[CODE_BITS-1:0];
     else                     pedestal = {CODE_BITS{1'b0}};
 
   always @*
     case (index_q[2:0])
       3'd0:    header = FORMAT;
-      3'd1:    header = {3'd0, fault_i, dark_frame_i, mode_q, test_frame_i};
+      3'd1:    header = {3'd0, fault_i, dark_frame_i, mode, test_frame_i};
       3'd2:    header = frame_number_q[15:8];
       3'd3:    header = frame_number_q[7:0];
       3'd4:    header = COLS[7:0];
@@ -126,12 +134,13 @@ module dermis_packer #(
       phase_q        <= IDLE;
       index_q        <= 7'd0;
       low_q          <= 1'b0;
-      mode_q         <= 2'd0;
       frame_number_q <= 16'd0;
       crc_q          <= 16'd0;
       over_q         <= {OVER_BITS{1'b0}};
       ring_q         <= {(COLS*CODE_BITS){1'b0}};
       end_q          <= 1'b0;
+      under_q        <= 1'b0;
+      underflow_q    <= 1'b0;
     end else begin
       end_q <= 1'b0;
       if (phase_q != IDLE && phase_q != CRC) crc_q <= crc;
@@ -143,7 +152,7 @@ module dermis_packer #(
             if (first_i) begin
               frame_number_q <= frame_number_q + 16'd1;
               crc_q          <= 16'hFFFF;
-              mode_q         <= (pedestal_mode_i == 2'd3) ? 2'd0 : pedestal_mode_i;
+              under_q        <= 1'b0;
             end
           end
         end
@@ -161,6 +170,7 @@ module dermis_packer #(
           if (taken) begin
             low_q   <= 1'b0;
             index_q <= index_q + 7'd1;
+            under_q <= under_q | under;
             // Enters at column COLS - 1 and shifts towards column 0: after all columns each is in
             // place.
             over_q  <= (over_q >> 1) | ({{(OVER_BITS-1){1'b0}}, over} << (COLS - 1));
@@ -182,8 +192,9 @@ module dermis_packer #(
         default: begin
           index_q <= 7'd1;
           if (index_q[0]) begin
-            phase_q <= IDLE;
-            end_q   <= 1'b1;
+            phase_q     <= IDLE;
+            end_q       <= 1'b1;
+            underflow_q <= under_q;
           end
         end
       endcase
@@ -196,6 +207,7 @@ module dermis_packer #(
   assign we_o           = busy_o;
   assign byte_o         = data;
   assign end_o          = end_q;
+  assign underflow_o    = underflow_q;
   assign column_valid_o = taken;
   assign column_o       = index_q;
   assign column_count_o = count_i;

@@ -25,6 +25,8 @@ module dermis_reader #(
   input  wire               shot_i,
   input  wire               test_i,
   input  wire               dark_i,
+  input  wire               hold_i,
+  input  wire [1:0]         pedestal_mode_i,
   input  wire [15:0]        settle_i,
   input  wire [15:0]        gate_i,
   input  wire [ROWS-1:0]    row_mask_i,
@@ -39,6 +41,7 @@ module dermis_reader #(
   output wire [COLS-1:0]    test_current_o,
   output wire               frame_start_o,
   output wire               scanning_o,
+  output wire               working_o,
   output wire               test_pending_o,
   input  wire               busy_i,
   output wire               row_valid_o,
@@ -47,6 +50,7 @@ module dermis_reader #(
   output wire               last_o,
   output wire               test_frame_o,
   output wire               dark_frame_o,
+  output wire [1:0]         pedestal_mode_o,
   output wire [15:0]        gate_clocks_o,
   input  wire               count_shift_i,
   output wire [CODE_BITS:0] count_o,
@@ -73,12 +77,15 @@ module dermis_reader #(
   wire                       test_pulse;
   wire                       gate_count;
   wire                       load;
+  wire                       row_ahead;
   wire                       pending;
+  wire                       loaded;
 
   reg [SYNC_CLOCKS-1:0] gate_q;
   reg [1:0]             gate_test_q;
   reg [SYNC_CLOCKS-1:0] done_q;
   reg [2*COLS-1:0]      range_q;
+  reg [ROWS-1:0]        row_sense_q;
   reg [ROWS-1:0]        row_fault_q;
   reg [15:0]            phase_q;
   reg                   level_q;
@@ -88,35 +95,38 @@ module dermis_reader #(
     .BREAK_CLOCKS (BREAK_CLOCKS),
     .PACK_CLOCKS  (PACK_CLOCKS)
   ) u_scanner (
-    .clk_i          (clk_i),
-    .rst_ni         (rst_ni),
-    .enable_i       (enable_i),
-    .continuous_i   (continuous_i),
-    .shot_i         (shot_i),
-    .test_i         (test_i),
-    .dark_i         (dark_i),
-    .settle_i       (settle_i),
-    .gate_i         (gate_i),
-    .row_mask_i     (row_mask_i),
-    .busy_i         (pending),
-    .row_select_o   (row_select_o),
-    .preset_o       (preset_o),
-    .gate_o         (gate),
-    .inject_o       (inject),
-    .full_even_o    (full_even),
-    .full_odd_o     (full_odd),
-    .frame_load_o   (frame_load),
-    .frame_start_o  (frame_start_o),
-    .scanning_o     (scanning_o),
-    .test_pending_o (test_pending_o),
-    .slot_end_o     (slot_end),
-    .slot_done_o    (slot_done),
-    .done_slot_o    (slot_o),
-    .done_first_o   (first_o),
-    .done_last_o    (last_o),
-    .done_test_o    (test_frame_o),
-    .done_dark_o    (dark_frame_o),
-    .done_gate_o    (gate_clocks_o)
+    .clk_i           (clk_i),
+    .rst_ni          (rst_ni),
+    .enable_i        (enable_i),
+    .continuous_i    (continuous_i),
+    .shot_i          (shot_i),
+    .test_i          (test_i),
+    .dark_i          (dark_i),
+    .hold_i          (hold_i),
+    .pedestal_mode_i (pedestal_mode_i),
+    .settle_i        (settle_i),
+    .gate_i          (gate_i),
+    .row_mask_i      (row_mask_i),
+    .busy_i          (pending),
+    .row_select_o    (row_select_o),
+    .preset_o        (preset_o),
+    .gate_o          (gate),
+    .inject_o        (inject),
+    .full_even_o     (full_even),
+    .full_odd_o      (full_odd),
+    .frame_load_o    (frame_load),
+    .frame_start_o   (frame_start_o),
+    .scanning_o      (scanning_o),
+    .test_pending_o  (test_pending_o),
+    .slot_end_o      (slot_end),
+    .slot_done_o     (slot_done),
+    .done_slot_o     (slot_o),
+    .done_first_o    (first_o),
+    .done_last_o     (last_o),
+    .done_test_o     (test_frame_o),
+    .done_dark_o     (dark_frame_o),
+    .done_mode_o     (pedestal_mode_o),
+    .done_gate_o     (gate_clocks_o)
   );
 
   always @(posedge clk_i or negedge rst_ni)
@@ -132,17 +142,22 @@ module dermis_reader #(
 
   assign gate_count = gate_q[SYNC_CLOCKS-1];
   assign load       = done_q[SYNC_CLOCKS-1];
-  assign pending    = slot_done | (|done_q) | row_valid_o | busy_i;
+  assign row_ahead  = slot_done | (|done_q) | loaded;
+  assign pending    = row_ahead | busy_i;
+  assign working_o  = scanning_o | row_ahead;
 
   always @(posedge clk_i or negedge rst_ni)
     if (!rst_ni)         range_q <= {(2*COLS){1'b0}};
     else if (frame_load) range_q <= range_i;
 
-  // First flop of a synchronizer; the second is the mask of row_fault_o, SYNC_CLOCKS + 2 edges
-  // later.
+  // The read-back a clock before the last sample: no gate comes before the first flop.
+  always @(posedge clk_i or negedge rst_ni)
+    if (!rst_ni) row_sense_q <= {ROWS{1'b0}};
+    else         row_sense_q <= row_sense_i;
+
   always @(posedge clk_i or negedge rst_ni)
     if (!rst_ni)       row_fault_q <= {ROWS{1'b0}};
-    else if (slot_end) row_fault_q <= row_sense_i ^ row_select_o;
+    else if (slot_end) row_fault_q <= row_sense_q ^ row_select_o;
 
   // Test pulses: the carry of a phase accumulator that starts with the gate.
   always @(posedge clk_i or negedge rst_ni)
@@ -218,8 +233,11 @@ module dermis_reader #(
     .shift_i  (count_shift_i),
     .counts_i (counts),
     .count_o  (count_o),
-    .valid_o  (row_valid_o)
+    .valid_o  (loaded)
   );
+
+  // An enable pin that fell with the last sample or before has fallen here by now, and stays so.
+  assign row_valid_o = loaded & enable_i;
 
   assign range_o     = range_q;
   assign row_fault_o = row_fault_q;

@@ -48,6 +48,8 @@
 #define DERMIS_CONTROL_PEDESTAL_MODE_SHIFT    4u
 #define DERMIS_CONTROL_RANGE_PER_COLUMN_MASK  0x0040u
 #define DERMIS_CONTROL_RANGE_PER_COLUMN_SHIFT 6u
+#define DERMIS_CONTROL_HOLD_MASK              0x0080u
+#define DERMIS_CONTROL_HOLD_SHIFT             7u
 #define DERMIS_RANGE_RANGE_MASK               0x0003u
 #define DERMIS_RANGE_RANGE_SHIFT              0u
 #define DERMIS_STATUS_SCANNING_MASK           0x0001u
@@ -58,6 +60,10 @@
 #define DERMIS_STATUS_TEST_DONE_SHIFT         2u
 #define DERMIS_STATUS_FAULT_MASK              0x0008u
 #define DERMIS_STATUS_FAULT_SHIFT             3u
+#define DERMIS_STATUS_TEST_CUT_MASK           0x0010u
+#define DERMIS_STATUS_TEST_CUT_SHIFT          4u
+#define DERMIS_STATUS_UNDERFLOW_MASK          0x0020u
+#define DERMIS_STATUS_UNDERFLOW_SHIFT         5u
 #define DERMIS_CONTROL_RESET                  0x0001u
 #define DERMIS_SETTLE_RESET                   0x0073u
 #define DERMIS_GATE_RESET                     0x01FEu

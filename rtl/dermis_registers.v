@@ -27,6 +27,7 @@ module dermis_registers #(
   output wire                      dark_o,
   output wire [1:0]                pedestal_mode_o,
   output wire                      range_per_column_o,
+  output wire                      hold_o,
   output wire [15:0]               settle_o,
   output wire [15:0]               gate_o,
   output wire [1:0]                range_o,
@@ -42,6 +43,8 @@ module dermis_registers #(
   input  wire                      frame_ready_i,
   input  wire                      test_done_i,
   input  wire                      fault_i,
+  input  wire                      test_cut_i,
+  input  wire                      underflow_i,
   input  wire [15:0]               frame_number_i,
   input  wire [15:0]               lost_i,
   input  wire [15:0]               spi_errors_i,
@@ -72,6 +75,7 @@ module dermis_registers #(
   reg                       dark_q;
   reg  [1:0]                pedestal_mode_q;
   reg                       range_per_column_q;
+  reg                       hold_q;
   reg  [15:0]               settle_q;
   reg  [15:0]               gate_q;
   reg  [1:0]                range_q;
@@ -119,6 +123,7 @@ module dermis_registers #(
       dark_q <= 1'h0;
       pedestal_mode_q <= 2'h0;
       range_per_column_q <= 1'h0;
+      hold_q <= 1'h0;
       settle_q <= SETTLE_VALUE[15:0];
       gate_q <= GATE_VALUE[15:0];
       range_q <= RANGE_VALUE[1:0];
@@ -134,6 +139,7 @@ module dermis_registers #(
         dark_q <= wdata_i[3];
         pedestal_mode_q <= wdata_i[5:4];
         range_per_column_q <= wdata_i[6];
+        hold_q <= wdata_i[7];
       end
       if (address_i == 8'h04) begin
         settle_q <= wdata_i;
@@ -185,6 +191,7 @@ module dermis_registers #(
           rdata[3] = dark_q;
           rdata[5:4] = pedestal_mode_q;
           rdata[6] = range_per_column_q;
+          rdata[7] = hold_q;
         end
         8'h04: begin
           known = 1'b1;
@@ -204,6 +211,8 @@ module dermis_registers #(
           rdata[1] = frame_ready_i;
           rdata[2] = test_done_i;
           rdata[3] = fault_i;
+          rdata[4] = test_cut_i;
+          rdata[5] = underflow_i;
         end
         8'h08: begin
           known = ~write_i;
@@ -277,6 +286,7 @@ module dermis_registers #(
   assign dark_o = dark_q;
   assign pedestal_mode_o = pedestal_mode_q;
   assign range_per_column_o = range_per_column_q;
+  assign hold_o = hold_q;
   assign settle_o = settle_q;
   assign gate_o = gate_q;
   assign range_o = range_q;

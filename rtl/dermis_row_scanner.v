@@ -2,14 +2,14 @@
 // Slot sequencer: takes the slots of a frame in order; for each it drives a row, waits in preset,
 // then opens the gate.
 // Interface: a frame is a list of slots, lowest bit first: inject, dark, full_even, full_odd, row
-// 0..ROWS-1. It starts while enable_i and (continuous_i or a pending shot_i or test_i), and samples
-// its settings then (docs/rtl.md).
+// 0..ROWS-1. It starts while enable_i and (continuous_i or a pending shot_i or test_i) and not
+// hold_i, and samples its settings then (docs/rtl.md).
 // Timing: e0 ends the previous row and presets, the row is on from e0 + BREAK_CLOCKS, preset falls
 // at t0 = e0 + settle, gate_o is high before the gate_i edges after t0, the last of them e0 of the
 // next slot; slot_done_o follows it. With a gate shorter than PACK_CLOCKS, preset also waits until
 // busy_i falls, so that no row is overwritten unread.
-// Why a slot with all samples is delivered even if enable_i fell with the last: complete data are
-// kept.
+// Why a slot with all samples is delivered even if enable_i fell with the last: only the pin tells
+// whether it was cut before, and dermis_reader knows that when the row is loaded.
 `include "dermis_design.vh"
 `default_nettype none
 
@@ -25,6 +25,8 @@ module dermis_row_scanner #(
   input  wire            shot_i,
   input  wire            test_i,
   input  wire            dark_i,
+  input  wire            hold_i,
+  input  wire [1:0]      pedestal_mode_i,
   input  wire [15:0]     settle_i,
   input  wire [15:0]     gate_i,
   input  wire [ROWS-1:0] row_mask_i,
@@ -46,6 +48,7 @@ module dermis_row_scanner #(
   output wire            done_last_o,
   output wire            done_test_o,
   output wire            done_dark_o,
+  output wire [1:0]      done_mode_o,
   output wire [15:0]     done_gate_o
 );
 
@@ -70,6 +73,7 @@ module dermis_row_scanner #(
   reg             first_q;
   reg             test_frame_q;
   reg             dark_frame_q;
+  reg [1:0]       mode_q;
   reg             short_q;
   reg [15:0]      settle_q;
   reg [15:0]      gate_q;
@@ -80,6 +84,7 @@ module dermis_row_scanner #(
   reg             done_last_q;
   reg             done_test_q;
   reg             done_dark_q;
+  reg [1:0]       done_mode_q;
   reg [15:0]      done_gate_q;
 
   wire             expired;
@@ -112,7 +117,7 @@ module dermis_row_scanner #(
   assign slot_end   = active_q & ~preset_q & expired;
   assign rest       = slots_q & (slots_q - 1'b1);
   assign last       = (rest == {SLOTS{1'b0}});
-  assign wanted     = continuous_i | shot_q | test_q;
+  assign wanted     = (continuous_i | shot_q | test_q) & ~hold_i;
   assign list       = {row_mask_i, test_q, test_q, dark_i | test_q, test_q};
   assign frame_load = enable_i & wanted & (list != {SLOTS{1'b0}}) & (~active_q | (slot_end & last));
   assign slot_start = frame_load | (enable_i & slot_end & ~last);
@@ -167,6 +172,7 @@ module dermis_row_scanner #(
       first_q       <= 1'b0;
       test_frame_q  <= 1'b0;
       dark_frame_q  <= 1'b0;
+      mode_q        <= 2'd0;
       short_q       <= 1'b0;
       settle_q      <= 16'd0;
       gate_q        <= 16'd0;
@@ -179,6 +185,7 @@ module dermis_row_scanner #(
         first_q      <= 1'b1;
         test_frame_q <= test_q;
         dark_frame_q <= list[1];
+        mode_q       <= pedestal_mode_i;
         short_q      <= (gate_i < PACK_CLOCKS[15:0]);
         settle_q     <= ((settle_i < SHORTEST[15:0]) ? SHORTEST[15:0] : settle_i) - BREAK_CLOCKS[15:0] - 16'd1;
         gate_q       <= (gate_i == 16'd0) ? 16'd1 : gate_i;
@@ -195,6 +202,7 @@ module dermis_row_scanner #(
       done_last_q  <= 1'b0;
       done_test_q  <= 1'b0;
       done_dark_q  <= 1'b0;
+      done_mode_q  <= 2'd0;
       done_gate_q  <= 16'd0;
     end else begin
       slot_done_q <= slot_end;
@@ -204,6 +212,7 @@ module dermis_row_scanner #(
         done_last_q  <= last;
         done_test_q  <= test_frame_q;
         done_dark_q  <= dark_frame_q;
+        done_mode_q  <= mode_q;
         done_gate_q  <= gate_q;
       end
     end
@@ -225,6 +234,7 @@ module dermis_row_scanner #(
   assign done_last_o    = done_last_q;
   assign done_test_o    = done_test_q;
   assign done_dark_o    = done_dark_q;
+  assign done_mode_o    = done_mode_q;
   assign done_gate_o    = done_gate_q;
 
 endmodule

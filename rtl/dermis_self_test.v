@@ -2,8 +2,8 @@
 // Self-test without a sensor: compares counts of inject, dark and full-scale slots with limits;
 // sticky fault masks.
 // Interface: row and column side of the packer in, one mask bit per column or row out; fault_o is
-// their OR. The first row of a self-test frame clears all masks. test_i clears done_o; end_i of the
-// frame requested last sets it.
+// their OR. The first row of a self-test frame clears all masks. test_i clears done_o and cut_o;
+// end_i of the frame requested last sets done_o, an enable_i that fell before sets cut_o.
 // Timing: a bit is set one clock after its column_valid_i, a row bit one clock after row_valid_i.
 // Why columns without current are checked in the full slots: only there a short to a neighbour
 // shows half its current.
@@ -17,11 +17,13 @@ module dermis_self_test #(
 ) (
   input  wire               clk_i,
   input  wire               rst_ni,
+  input  wire               enable_i,
   input  wire               test_i,
   input  wire               test_pending_i,
   input  wire               row_valid_i,
   input  wire               first_i,
   input  wire               test_frame_i,
+  input  wire               busy_i,
   input  wire               end_i,
   input  wire [ROWS-1:0]    row_fault_i,
   input  wire               column_valid_i,
@@ -36,7 +38,8 @@ module dermis_self_test #(
   output wire [COLS-1:0]    full_fault_o,
   output wire [ROWS-1:0]    row_fault_o,
   output wire               fault_o,
-  output wire               done_o
+  output wire               done_o,
+  output wire               cut_o
 );
 
   reg [COLS-1:0] inject_fault_q;
@@ -45,8 +48,12 @@ module dermis_self_test #(
   reg [ROWS-1:0] row_fault_q;
   reg            latest_q;
   reg            done_q;
+  reg            asked_q;
+  reg            stopped_q;
+  reg            cut_q;
 
   wire            begins;
+  wire            ends;
   wire [16:0]     count;
   wire            too_high;
   wire            too_low;
@@ -58,6 +65,7 @@ module dermis_self_test #(
   wire [COLS-1:0] column;
 
   assign begins   = row_valid_i & first_i & test_frame_i;
+  assign ends     = end_i & test_frame_i & latest_q;
   assign count    = {{(16-CODE_BITS){1'b0}}, column_count_i};
   assign too_high = (count > {1'b0, dark_max_i});
   assign too_low  = (count < {1'b0, full_min_i});
@@ -96,8 +104,29 @@ module dermis_self_test #(
       if (begins)      latest_q <= ~(test_i | test_pending_i);
       else if (test_i) latest_q <= 1'b0;
 
-      if (test_i | begins)                        done_q <= 1'b0;
-      else if (end_i & test_frame_i & latest_q)   done_q <= 1'b1;
+      if (test_i | begins) done_q <= 1'b0;
+      else if (ends)       done_q <= 1'b1;
+    end
+
+  // Without enable a request is dropped, and so is its frame, unless its last row is being packed.
+  always @(posedge clk_i or negedge rst_ni)
+    if (!rst_ni) begin
+      asked_q   <= 1'b0;
+      stopped_q <= 1'b0;
+      cut_q     <= 1'b0;
+    end else if (test_i) begin
+      asked_q   <= enable_i;
+      stopped_q <= 1'b0;
+      cut_q     <= ~enable_i;
+    end else if (ends) begin
+      asked_q   <= 1'b0;
+      stopped_q <= 1'b0;
+    end else if (asked_q) begin
+      stopped_q <= stopped_q | ~enable_i;
+      if (stopped_q & ~busy_i) begin
+        asked_q <= 1'b0;
+        cut_q   <= 1'b1;
+      end
     end
 
   assign inject_fault_o = inject_fault_q;
@@ -106,6 +135,7 @@ module dermis_self_test #(
   assign row_fault_o    = row_fault_q;
   assign fault_o        = (|inject_fault_q) | (|dark_fault_q) | (|full_fault_q) | (|row_fault_q);
   assign done_o         = done_q;
+  assign cut_o          = cut_q;
 
 endmodule
 

@@ -70,6 +70,7 @@ module dermis_top #(
   wire                      shot;
   wire                      test;
   wire                      dark;
+  wire                      hold;
   wire [1:0]                pedestal_mode;
   wire                      range_per_column;
   wire [15:0]               settle;
@@ -82,6 +83,12 @@ module dermis_top #(
   wire [ROWS-1:0]           row_mask;
   wire [COLS*CODE_BITS-1:0] pedestal;
 
+  wire [ROWS-1:0]           row_select;
+  wire                      preset;
+  wire [COLS-1:0]           charge;
+  wire [COLS-1:0]           test_current;
+
+  wire                      working;
   wire                      scanning;
   wire                      test_pending;
   wire                      busy;
@@ -91,6 +98,7 @@ module dermis_top #(
   wire                      last;
   wire                      test_frame;
   wire                      dark_frame;
+  wire [1:0]                frame_mode;
   wire [15:0]               gate_clocks;
   wire                      count_shift;
   wire [CODE_BITS:0]        count;
@@ -108,6 +116,8 @@ module dermis_top #(
   wire [COLS-1:0]           full_fault;
   wire                      fault;
   wire                      test_done;
+  wire                      test_cut;
+  wire                      underflow;
 
   wire [15:0]               frame_number;
   wire                      frame_begin;
@@ -145,11 +155,23 @@ module dermis_top #(
     .rst_no (rst_n)
   );
 
-  dermis_tech_sync u_enable_sync (
-    .clk_i  (clk_i),
-    .rst_ni (rst_n),
-    .d_i    (enable_i),
-    .q_o    (enable)
+  dermis_safe_outputs #(
+    .ROWS (ROWS),
+    .COLS (COLS)
+  ) u_safe_outputs (
+    .clk_i          (clk_i),
+    .rst_ni         (rst_n),
+    .enable_i       (enable_i),
+    .working_i      (working),
+    .row_select_i   (row_select),
+    .preset_i       (preset),
+    .charge_i       (charge),
+    .test_current_i (test_current),
+    .enable_o       (enable),
+    .row_select_o   (row_select_o),
+    .preset_o       (preset_o),
+    .charge_o       (charge_o),
+    .test_current_o (test_current_o)
   );
 
   dermis_reader #(
@@ -159,40 +181,44 @@ module dermis_top #(
     .BREAK_CLOCKS (BREAK_CLOCKS),
     .SYNC_LATCH   (SYNC_LATCH)
   ) u_reader (
-    .clk_i          (clk_i),
-    .rst_ni         (rst_n),
-    .enable_i       (enable),
-    .continuous_i   (continuous),
-    .shot_i         (shot),
-    .test_i         (test),
-    .dark_i         (dark),
-    .settle_i       (settle),
-    .gate_i         (gate),
-    .row_mask_i     (row_mask),
-    .range_i        (range_per_column ? range_column : {COLS{range}}),
-    .test_rate_i    (test_rate),
-    .comp_async_i   (comp_async_i),
-    .row_sense_i    (row_sense_i),
-    .row_select_o   (row_select_o),
-    .preset_o       (preset_o),
-    .charge_o       (charge_o),
-    .range_o        (range_o),
-    .test_current_o (test_current_o),
-    .frame_start_o  (frame_start_o),
-    .scanning_o     (scanning),
-    .test_pending_o (test_pending),
-    .busy_i         (busy),
-    .row_valid_o    (row_valid),
-    .slot_o         (slot),
-    .first_o        (first),
-    .last_o         (last),
-    .test_frame_o   (test_frame),
-    .dark_frame_o   (dark_frame),
-    .gate_clocks_o  (gate_clocks),
-    .count_shift_i  (count_shift),
-    .count_o        (count),
-    .test_count_o   (test_count),
-    .row_fault_o    (row_fault_now)
+    .clk_i           (clk_i),
+    .rst_ni          (rst_n),
+    .enable_i        (enable),
+    .continuous_i    (continuous),
+    .shot_i          (shot),
+    .test_i          (test),
+    .dark_i          (dark),
+    .hold_i          (hold),
+    .pedestal_mode_i (pedestal_mode),
+    .settle_i        (settle),
+    .gate_i          (gate),
+    .row_mask_i      (row_mask),
+    .range_i         (range_per_column ? range_column : {COLS{range}}),
+    .test_rate_i     (test_rate),
+    .comp_async_i    (comp_async_i),
+    .row_sense_i     (row_sense_i),
+    .row_select_o    (row_select),
+    .preset_o        (preset),
+    .charge_o        (charge),
+    .range_o         (range_o),
+    .test_current_o  (test_current),
+    .frame_start_o   (frame_start_o),
+    .scanning_o      (scanning),
+    .working_o       (working),
+    .test_pending_o  (test_pending),
+    .busy_i          (busy),
+    .row_valid_o     (row_valid),
+    .slot_o          (slot),
+    .first_o         (first),
+    .last_o          (last),
+    .test_frame_o    (test_frame),
+    .dark_frame_o    (dark_frame),
+    .pedestal_mode_o (frame_mode),
+    .gate_clocks_o   (gate_clocks),
+    .count_shift_i   (count_shift),
+    .count_o         (count),
+    .test_count_o    (test_count),
+    .row_fault_o     (row_fault_now)
   );
 
   dermis_packer #(
@@ -207,11 +233,11 @@ module dermis_top #(
     .last_i          (last),
     .test_frame_i    (test_frame),
     .dark_frame_i    (dark_frame),
+    .pedestal_mode_i (frame_mode),
     .gate_clocks_i   (gate_clocks),
     .count_i         (count),
     .count_shift_o   (count_shift),
     .busy_o          (busy),
-    .pedestal_mode_i (pedestal_mode),
     .pedestal_i      (pedestal),
     .fault_i         (fault),
     .frame_number_o  (frame_number),
@@ -219,6 +245,7 @@ module dermis_top #(
     .we_o            (frame_we),
     .byte_o          (frame_byte),
     .end_o           (frame_end),
+    .underflow_o     (underflow),
     .column_valid_o  (column_valid),
     .column_o        (column),
     .column_count_o  (column_count),
@@ -232,11 +259,13 @@ module dermis_top #(
   ) u_self_test (
     .clk_i          (clk_i),
     .rst_ni         (rst_n),
+    .enable_i       (enable),
     .test_i         (test),
     .test_pending_i (test_pending),
     .row_valid_i    (row_valid),
     .first_i        (first),
     .test_frame_i   (test_frame),
+    .busy_i         (busy),
     .end_i          (frame_end),
     .row_fault_i    (row_fault_now),
     .column_valid_i (column_valid),
@@ -251,7 +280,8 @@ module dermis_top #(
     .full_fault_o   (full_fault),
     .row_fault_o    (row_fault),
     .fault_o        (fault),
-    .done_o         (test_done)
+    .done_o         (test_done),
+    .cut_o          (test_cut)
   );
 
   dermis_frame_buffer #(
@@ -294,6 +324,7 @@ module dermis_top #(
     .shot_o             (shot),
     .test_o             (test),
     .dark_o             (dark),
+    .hold_o             (hold),
     .pedestal_mode_o    (pedestal_mode),
     .range_per_column_o (range_per_column),
     .settle_o           (settle),
@@ -308,6 +339,8 @@ module dermis_top #(
     .scanning_i         (scanning),
     .frame_ready_i      (frame_ready_o),
     .test_done_i        (test_done),
+    .test_cut_i         (test_cut),
+    .underflow_i        (underflow),
     .fault_i            (fault),
     .frame_number_i     (frame_number),
     .lost_i             (lost),

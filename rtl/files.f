@@ -20,4 +20,5 @@ rtl/dermis_reset_sync.v
 rtl/dermis_packer.v
 rtl/dermis_self_test.v
 rtl/dermis_spi.v
+rtl/dermis_safe_outputs.v
 rtl/dermis_top.v

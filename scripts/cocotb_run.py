@@ -36,7 +36,9 @@ def run_bench(
     # A directory of its own: the same test may run twice at a time in one tree.
     work = Path(tempfile.mkdtemp(prefix=f"{simulator}-{bench}-{testcase}-", dir=place / "runs"))
     result, log, name = work / "result.json", work / "hdl.log", f"{bench}.{testcase} on {simulator}"
-    environment = {"DERMIS_SCENARIO": json.dumps(scenario), "DERMIS_RESULT": str(result)}
+    # A file: a variable holds 128 kB at most.
+    (work / "scenario.json").write_text(json.dumps(scenario))
+    environment = {"DERMIS_SCENARIO": str(work / "scenario.json"), "DERMIS_RESULT": str(result)}
     fault = ""
     try:
         hdl.run_cocotb(

@@ -124,6 +124,12 @@ class Netlist:
             next(cell["connections"][pin][0] for pin in CLOCKS if pin in cell["connections"])
         )
 
+    def resets(self, cell: Mapping[str, Any] | None) -> set[str]:
+        """Return the pins that reset a flop at any time; but for that of the whole chip."""
+        pins = cell["connections"] if cell and cell["type"].startswith(FLOPS) else {}
+        found = (s for pin in ("R", "S", "L") if pin in pins for s in self.sources(pins[pin][0]))
+        return {self.pins[bit] for kind, bit, _ in found if kind == "pin"} - {"rst_ni"}
+
     @cached_property
     def paths(self) -> list[tuple[str, Place, Place]]:
         """Every kind (data, reset or synchronizer), source and target."""
@@ -152,7 +158,11 @@ class Netlist:
             for what, bits in (("data", data), ("reset", resets)):
                 for source in (source for bit in bits for source in self.sources(bit)):
                     through = what == "data" or (source[2] or {}).get("type") == RESET
-                    found.append((what if through else "raw reset", self.place(*source), target))
+                    before = self.place(*source)
+                    # A flop that a pin resets moves with that pin too, at no edge of its clock.
+                    if self.resets(source[2]) - self.resets(cell):
+                        before = before[0], ""
+                    found.append((what if through else "raw reset", before, target))
         return found
 
     def findings(self) -> list[str]:

@@ -116,6 +116,8 @@ module check_frame_buffer #(
         waiting_q <= 1'b0;
         if (!(&lost_q)) lost_q <= lost_q + 16'd1;
       end
+      // One that is ready is replaced before anybody held it.
+      if (free && (end_i || waiting_q) && new_q && !(&lost_q)) lost_q <= lost_q + 16'd1;
       if (end_i && free && !waiting_q) begin
         shown_length_q <= count;
         shown_byte_q   <= value;

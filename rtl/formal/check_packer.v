@@ -37,6 +37,7 @@ module check_packer #(
   wire               we;
   wire [7:0]         byte_out;
   wire               closes;
+  wire               underflow;
   wire               column_valid;
   wire [6:0]         column;
   wire [CODE_BITS:0] column_count;
@@ -63,6 +64,7 @@ module check_packer #(
     .we_o            (we),
     .byte_o          (byte_out),
     .end_o           (closes),
+    .underflow_o     (underflow),
     .column_valid_o  (column_valid),
     .column_o        (column),
     .column_count_o  (column_count),
@@ -73,7 +75,6 @@ module check_packer #(
   wire [2:0]                tap_phase;
   wire [6:0]                tap_index;
   wire                      tap_low;
-  wire [1:0]                tap_mode;
   wire [15:0]               tap_crc;
   wire [8*V-1:0]            tap_over;
   wire [COLS*CODE_BITS-1:0] tap_ring;
@@ -94,14 +95,16 @@ module check_packer #(
   reg [9:0]  place_q;
   reg [15:0] crc_q;
   reg [15:0] number_q;
-  reg [1:0]  mode_q;
   reg [15:0] bytes_q;
   reg [7:0]  rows_q;
   reg        closes_q;
   reg        open_q;
   reg [33:0] row_q;
   reg [COLS-1:0] over_q;
-  wire [33:0] row = {slot_i, first_i, last_i, test_frame_i, dark_frame_i, gate_clocks_i, 6'd0};
+  reg        under_q;
+  reg        underflow_q;
+  wire [33:0] row = {slot_i, first_i, last_i, test_frame_i, dark_frame_i, gate_clocks_i, pedestal_mode_i, 4'd0};
+  wire [1:0]  mode = (pedestal_mode_i == 3) ? 2'd0 : pedestal_mode_i;
 
   // Any one column, and the count of its last dark slot: the pedestal of mode 2.
   (* anyconst *) wire [6:0] one;
@@ -112,7 +115,7 @@ module check_packer #(
   wire [6:0]  number   = (B == 2) ? offset[7:1] : offset[6:0];
   wire        low      = (B == 1) | offset[0];
   wire        special  = (slot_i[7:4] == 4'hF);
-  wire [CODE_BITS-1:0] pedestal = special ? 0 : mode_q == 1 ? (pedestal_i >> (number * CODE_BITS)) : mode_q == 2 ? dark_q : 0;
+  wire [CODE_BITS-1:0] pedestal = special ? 0 : mode == 1 ? (pedestal_i >> (number * CODE_BITS)) : mode == 2 ? dark_q : 0;
   // Theorems of values are for one free column, so that one word of the ring is enough.
   wire [CODE_BITS+1:0] above = (count_i > pedestal) ? count_i - pedestal : 0;
   wire        over     = above > ((1 << CODE_BITS) - 1);
@@ -124,7 +127,7 @@ module check_packer #(
     if (place_q < 8)
       case (place_q[2:0])
         3'd0:    wanted = 8'h01;
-        3'd1:    wanted = {3'd0, fault_i, dark_frame_i, mode_q, test_frame_i};
+        3'd1:    wanted = {3'd0, fault_i, dark_frame_i, mode, test_frame_i};
         3'd2:    wanted = number_q[15:8];
         3'd3:    wanted = number_q[7:0];
         3'd4:    wanted = COLS;
@@ -148,12 +151,13 @@ module check_packer #(
       place_q   <= 10'd0;
       crc_q     <= 16'd0;
       number_q  <= 16'd0;
-      mode_q    <= 2'd0;
       bytes_q   <= 16'd0;
       rows_q    <= 8'd0;
       closes_q  <= 1'b0;
       open_q    <= 1'b0;
       over_q    <= {COLS{1'b0}};
+      under_q   <= 1'b0;
+      underflow_q <= 1'b0;
       dark_q    <= {CODE_BITS{1'b0}};
     end else begin
       closes_q <= working_q & (place_q == CRC + 1);
@@ -164,15 +168,18 @@ module check_packer #(
         rows_q    <= first_i ? 8'd1 : rows_q + 8'd1;
         if (first_i) begin
           number_q <= number_q + 16'd1;
-          mode_q   <= (pedestal_mode_i == 3) ? 2'd0 : pedestal_mode_i;
           crc_q    <= 16'hFFFF;
           bytes_q  <= 16'd0;
+          under_q  <= 1'b0;
           open_q   <= 1'b1;
         end
       end else if (working_q) begin
         place_q   <= place_q + 10'd1;
         working_q <= (place_q != ends);
         if (place_q == CRC + 1) open_q <= 1'b0;
+        if (place_q == CRC + 1) underflow_q <= under_q;
+        // As for the overflow: of the one column from the reference, of the others from the design.
+        if (in_codes && low && ((number == one) ? count_i < pedestal : tap_is_under)) under_q <= 1'b1;
         if (place_q < CRC) crc_q <= crc16(crc_q, byte_out);
         // The overflow of the design; its correctness for the one column is part of theorem each_byte.
         if (in_codes && low && number == one) over_q[one] <= over;
@@ -181,6 +188,8 @@ module check_packer #(
       end
     end
   wire tap_is_over;
+  wire tap_is_under;
+  wire tap_under;
 
   // Places of the one column in the rotating words of the design.
   wire [6:0] done = in_codes ? number : 7'd0;
@@ -203,6 +212,7 @@ module check_packer #(
     if (closes) length: assert (bytes_q == 10 + rows_q * (1 + COLS * B + V));
     takes_each_column_once: assert (shift == (in_codes && low) && column_valid == shift && (!shift || column == number)
       && column_count == count_i && column_slot == slot_i);
+    tells_an_underflow: assert (underflow == underflow_q);
     numbers: assert (frame_number == number_q);
 
     lemma_phase: assert (tap_phase == (!working_q ? 0 : place_q < 8 ? 1 : place_q == 8 ? 2 : place_q < OVERS ? 3 : place_q < CRC ? 4 : 5));
@@ -210,7 +220,7 @@ module check_packer #(
     lemma_index: assert (!working_q || place_q == 8 || tap_index == (place_q < 8 ? place_q : place_q < OVERS ? number
       : place_q < CRC ? place_q - OVERS : place_q - CRC));
     lemma_low: assert (!in_codes || tap_low == (B == 2 && offset[0]));
-    lemma_mode: assert (tap_mode == mode_q);
+    lemma_under: assert (!open_q || tap_under == under_q);
     lemma_crc: assert (!open_q || tap_crc == crc_q);
     lemma_open: assert (!working_q || open_q);
     lemma_over: assert (in_codes ? (tap_over >> (COLS - number)) == (over_q & ((1 << number) - 1))
@@ -221,7 +231,7 @@ module check_packer #(
     lemma_closes: assert (!closes_q || (!working_q && !open_q && bytes_q == 10 + rows_q * (1 + COLS * B + V)));
 
     two_rows: cover (rst_ni && closes_q && rows_q == 2);
-    corrected: cover (rst_ni && in_codes && mode_q == 2 && !special && dark_q == 3 && code == 5 && number == one);
+    corrected: cover (rst_ni && in_codes && mode == 2 && !special && dark_q == 3 && code == 5 && number == one);
     overflows: cover (rst_ni && working_q && place_q == OVERS && over_q != 0 && over_q != {COLS{1'b1}});
   end
 

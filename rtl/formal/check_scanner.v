@@ -17,6 +17,8 @@ module check_scanner #(
   input wire            shot_i,
   input wire            test_i,
   input wire            dark_i,
+  input wire            hold_i,
+  input wire [1:0]      pedestal_mode_i,
   input wire [15:0]     settle_i,
   input wire [15:0]     gate_i,
   input wire [ROWS-1:0] row_mask_i,
@@ -42,6 +44,7 @@ module check_scanner #(
   wire            done_last;
   wire            done_test;
   wire            done_dark;
+  wire [1:0]      done_mode;
   wire [15:0]     done_gate;
 
   dermis_row_scanner #(
@@ -56,6 +59,8 @@ module check_scanner #(
     .shot_i        (shot_i),
     .test_i        (test_i),
     .dark_i        (dark_i),
+    .hold_i        (hold_i),
+    .pedestal_mode_i (pedestal_mode_i),
     .settle_i      (settle_i),
     .gate_i        (gate_i),
     .row_mask_i    (row_mask_i),
@@ -76,6 +81,7 @@ module check_scanner #(
     .done_last_o   (done_last),
     .done_test_o   (done_test),
     .done_dark_o   (done_dark),
+    .done_mode_o   (done_mode),
     .done_gate_o   (done_gate)
   );
 
@@ -91,6 +97,7 @@ module check_scanner #(
   wire             tap_test_frame;
   wire             tap_dark_frame;
   wire             tap_first;
+  wire [1:0]       tap_mode;
 
   // Clocks left in this slot, from counter and settings of the design.
   wire [17:0] left = tap_break ? 18'd2 + tap_clocks + tap_settle + tap_gate
@@ -120,13 +127,14 @@ module check_scanner #(
   reg             test_q;
   reg             test_frame_q;
   reg             dark_frame_q;
+  reg [1:0]       mode_q;
 
   wire [SLOTS-1:0] rest   = list_q & (list_q - 1'b1);
   wire [SLOTS-1:0] lowest = list_q & ~rest;
   wire [SLOTS-1:0] list   = {row_mask_i, test_q, test_q, dark_i | test_q, test_q};
   wire             ended  = run_q & gating_q & (gated_q == gate_q - 16'd1);
   wire             whole  = ended & (rest == 0);
-  wire             begins = enable_i & (continuous_i | shot_q | test_q) & (list != 0) & (~run_q | whole);
+  wire             begins = enable_i & ~hold_i & (continuous_i | shot_q | test_q) & (list != 0) & (~run_q | whole);
 
   always @(posedge clk_i or negedge rst_ni)
     if (!rst_ni) begin
@@ -143,6 +151,7 @@ module check_scanner #(
       test_q       <= 1'b0;
       test_frame_q <= 1'b0;
       dark_frame_q <= 1'b0;
+      mode_q       <= 2'd0;
     end else begin
       shot_q <= enable_i & (shot_i | (shot_q & ~(begins & ~test_q)));
       test_q <= enable_i & (test_i | (test_q & ~begins));
@@ -152,6 +161,7 @@ module check_scanner #(
         short_q      <= (gate_i < PACK_CLOCKS);
         test_frame_q <= test_q;
         dark_frame_q <= dark_i | test_q;
+        mode_q       <= pedestal_mode_i;
         first_q      <= 1'b1;
       end else if (ended) first_q <= 1'b0;
       if (begins || (ended && enable_i && rest != 0)) begin
@@ -180,7 +190,7 @@ module check_scanner #(
   reg            begins_q;
   reg            out_of_reset_q;
   reg [7:0]      slot_q;
-  reg [3:0]      flags_q;
+  reg [5:0]      flags_q;
   reg [15:0]     slot_gate_q;
   integer        r;
 
@@ -196,7 +206,7 @@ module check_scanner #(
     ended_q        <= ended;
     enable_q       <= enable_i;
     begins_q       <= begins;
-    flags_q        <= {first_q, rest == 0, test_frame_q, dark_frame_q};
+    flags_q        <= {first_q, rest == 0, test_frame_q, dark_frame_q, mode_q};
     slot_gate_q    <= gate_q;
     for (r = 0; r < ROWS; r = r + 1)
       if (lowest[r + 4]) slot_q <= r[7:0];
@@ -225,7 +235,7 @@ module check_scanner #(
     frame_starts: assert (frame_load == begins);
     if (settled && !enable_q) cut_at_once: assert (row_select == 0 && preset && !scanning);
     if (settled) delivers: assert (slot_done == ended_q && (!ended_q
-      || (done_slot == slot_q && {done_first, done_last, done_test, done_dark} == flags_q && done_gate == slot_gate_q)));
+      || (done_slot == slot_q && {done_first, done_last, done_test, done_dark, done_mode} == flags_q && done_gate == slot_gate_q)));
     if (settled) marks_the_frame: assert (frame_start == begins_q);
 
     // No deadlock: the clocks of a slot fall by one except while busy, and each slot removes one from a finite list.
@@ -233,14 +243,14 @@ module check_scanner #(
     if (settled && slot_end) slot_ends_when_none_is_left: assert (left == 1);
     if (settled && scanning) list_is_not_empty: assert (tap_slots != 0 && (!scanning_q || load_q
       || tap_slots == (slot_end_q ? slots_q & (slots_q - 1'b1) : slots_q)));
-    if (settled && enable_q && enable_i && (continuous_i || shot_q || test_q) && list != 0) always_scans: assert (scanning || frame_load);
+    if (settled && enable_q && enable_i && !hold_i && (continuous_i || shot_q || test_q) && list != 0) always_scans: assert (scanning || frame_load);
     // One request, one frame: without continuous a frame only begins for a pending request, which it consumes.
     if (settled && frame_load && !continuous_i) one_request_one_frame: assert (tap_test || tap_shot);
 
     // For the induction.
     lemma_settings: assert (!run_q || (tap_settle == settle_q - BREAK_CLOCKS - 16'd1 && tap_gate == gate_q && tap_short == short_q
       && settle_q >= SHORTEST && gate_q != 0));
-    lemma_list: assert (!run_q || (tap_slots == list_q && tap_first == first_q && tap_test_frame == test_frame_q && tap_dark_frame == dark_frame_q));
+    lemma_list: assert (!run_q || (tap_slots == list_q && tap_first == first_q && tap_test_frame == test_frame_q && tap_dark_frame == dark_frame_q && tap_mode == mode_q));
     lemma_requests: assert (tap_shot == shot_q && tap_test == test_q);
     lemma_break: assert (tap_break == (run_q && !gating_q && since_q < BREAK_CLOCKS));
     lemma_clocks: assert (!run_q || tap_clocks == (gating_q ? gate_q - 16'd1 - gated_q

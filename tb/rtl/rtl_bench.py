@@ -19,7 +19,7 @@ HALF_NS = 100  # half a clock of 5 MHz
 
 def scenario() -> dict[str, Any]:
     """Return the scenario from pytest."""
-    return json.loads(os.environ["DERMIS_SCENARIO"])
+    return json.loads(Path(os.environ["DERMIS_SCENARIO"]).read_text())
 
 
 def report(result: Any) -> None:
@@ -56,6 +56,8 @@ def everything(rows: int) -> dict[str, int]:
         "shot_i": 0,
         "test_i": 0,
         "dark_i": 0,
+        "hold_i": 0,
+        "pedestal_mode_i": 0,
         "settle_i": 115,
         "gate_i": 510,
         "row_mask_i": (1 << rows) - 1,

@@ -130,8 +130,13 @@ def _test_frame(gate_clocks: int) -> Steps[spi.Frame]:
     yield from _write(rm.GATE, gate_clocks)
     yield from _write(rm.CONTROL, rm.CONTROL_TEST_MASK)
     for _ in range(POLLS):
-        if (yield spi.read_register(rm.STATUS)) & rm.STATUS_TEST_DONE_MASK:
+        status = yield spi.read_register(rm.STATUS)
+        if status & rm.STATUS_TEST_DONE_MASK:
             return (yield spi.read_frame())
+        if status & rm.STATUS_TEST_CUT_MASK:
+            raise SimulatorError(
+                "calibration: the enable pin went low during a self-test frame, or was low before"
+            )
     raise SimulatorError(
         f"calibration: no self-test frame after {POLLS} reads of STATUS; is the enable pin high?"
     )

@@ -264,8 +264,8 @@ def test_no_path_between_the_clocks_and_no_raw_reset_is_without_its_reason() -> 
         ),
         (
             "dermis_top",
-            ".row_sense_i    (row_sense_i)",
-            ".row_sense_i    (row_select_o)",
+            ".row_sense_i     (row_sense_i)",
+            ".row_sense_i     (row_select_o)",
             "no path for the exception",
         ),
         ("dermis_spi", "assign cipo_o           = cipo_q;", "assign cipo_o = cipo_q; `error", "no netlist"),

@@ -22,7 +22,7 @@ async def rows(dut: Any) -> None:
     s = scenario()
     code_bits = len(dut.count_i) - 1
     await reset(dut, ("row_valid_i", "count_i", "pedestal_i", "pedestal_mode_i", *ROW_PORTS))
-    frames, columns, busy, numbers = [], [], [], []
+    frames, columns, busy, numbers, underflows = [], [], [], [], []
     frame: list[int] | None = None
     for row in s["rows"]:
         for port in ROW_PORTS:
@@ -44,6 +44,7 @@ async def rows(dut: Any) -> None:
             if int(dut.end_o.value):
                 assert not int(dut.we_o.value)
                 frames.append(frame)
+                underflows.append(int(dut.underflow_o.value))
                 frame = None
             if int(dut.column_valid_o.value):
                 columns.append(
@@ -64,5 +65,12 @@ async def rows(dut: Any) -> None:
         busy.append(clocks)
         numbers.append(int(dut.frame_number_o.value))
     report(
-        {"frames": frames, "columns": columns, "busy": busy, "numbers": numbers, "open": frame is not None}
+        {
+            "frames": frames,
+            "columns": columns,
+            "busy": busy,
+            "numbers": numbers,
+            "underflows": underflows,
+            "open": frame is not None,
+        }
     )

@@ -64,6 +64,21 @@ def pack(rows: list[Row], cols: int, code_bits: int) -> list[list[int]]:
     return frames
 
 
+def underflows(rows: list[Row], cols: int, code_bits: int) -> list[int]:
+    """Of each frame, 1 if a count of a row is below its pedestal."""
+    found: list[int] = []
+    dark = [0] * cols
+    for row in rows:
+        if row["first_i"]:
+            found.append(0)
+        mode = row.get("pedestal_mode_i", 0) % 3 if row["slot_i"] < 0xF0 else 0
+        pedestals = [[0] * cols, row.get("pedestals"), dark][mode]
+        found[-1] |= any(n < p for n, p in zip(row["counts"], pedestals, strict=True))
+        if row["slot_i"] == DARK:
+            dark = [min(n, 2**code_bits - 1) for n in row["counts"]]
+    return found
+
+
 def random_rows(cols: int, code_bits: int, frames: int, seed: int) -> list[Row]:
     """Frames of one to five slots, dark and test ones among them, with counts and pedestals at and near their ends."""
     rng = random.Random(seed)
@@ -80,6 +95,7 @@ def random_rows(cols: int, code_bits: int, frames: int, seed: int) -> list[Row]:
             "test_frame_i": rng.randint(0, 1),
             "dark_frame_i": rng.randint(0, 1),
             "gate_clocks_i": rng.randint(1, 65535),
+            "pedestal_mode_i": rng.randint(0, 3),
         }
         for n, slot in enumerate(slots):
             rows.append(
@@ -89,7 +105,6 @@ def random_rows(cols: int, code_bits: int, frames: int, seed: int) -> list[Row]:
                     "first_i": int(n == 0),
                     "last_i": int(n == len(slots) - 1),
                     "fault_i": rng.randint(0, 1),
-                    "pedestal_mode_i": rng.randint(0, 3),
                     "pedestals": [rng.choice([0, 1, full, rng.randint(0, full)]) for _ in range(cols)],
                     "counts": [count() for _ in range(cols)],
                 }
@@ -113,6 +128,7 @@ def test_random_frames_have_the_bytes_of_the_reference(simulator: str, cols: int
     wanted = pack(rows, cols, code_bits)
     assert len(wanted) == 40
     assert result["frames"] == wanted
+    assert result["underflows"] == underflows(rows, cols, code_bits)
     assert not result["open"]
     # As they are taken, columns are shown raw and in order.
     shown = [[row["slot_i"], c, n, 1] for row in rows for c, n in enumerate(row["counts"])]
@@ -139,20 +155,21 @@ def row_of(slot: int, counts: list[int], first: int, last: int, mode: int = 0) -
 
 
 def test_pedestals_and_a_frame_that_is_cut(simulator: str) -> None:
-    """The last dark slot is the pedestal of rows, not of special slots; the mode changes between
-    frames only, and 3 is none; a cut frame never ends, and the next is whole.
+    """The last dark slot is the pedestal of rows, not of special slots; mode 3 is none; a cut frame
+    never ends, and the next is whole.
     """
     rows = [
         row_of(DARK, [3, 300, 0], 1, 0, 2),
-        row_of(7, [10, 400, 5], 0, 1),
+        row_of(7, [10, 400, 5], 0, 1, 2),
         row_of(9, [2, 256, 5], 1, 0, 2),
-        row_of(FULL_EVEN, [9, 9, 9], 0, 1),
+        row_of(FULL_EVEN, [9, 9, 9], 0, 1, 2),
         row_of(0, [9, 3, 0], 1, 0, 1),
-        row_of(1, [9, 300, 9], 0, 1, 0),
+        row_of(1, [9, 300, 9], 0, 1, 1),
         row_of(2, [1, 2, 3], 1, 0),
         row_of(0, [9, 9, 9], 1, 1, 3),
     ]
-    frames = run(simulator, rows, 3, 8)["frames"]
+    result = run(simulator, rows, 3, 8)
+    frames = result["frames"]
     assert [frame[8:-2] for frame in frames] == [
         [DARK, 3, 255, 0, 0b010, 7, 7, 145, 5, 0],
         [9, 0, 1, 5, 0, FULL_EVEN, 9, 9, 9, 0],
@@ -161,6 +178,8 @@ def test_pedestals_and_a_frame_that_is_cut(simulator: str) -> None:
     ]
     assert [frame[1] for frame in frames] == [0b100, 0b100, 0b010, 0]
     assert frames[-1][2:4] == [0, 5]
+    # Below a pedestal: 2 - 3 in the second frame, 3 - 4 in the third.
+    assert result["underflows"] == [0, 1, 1, 0]
 
 
 SEEDED = {
@@ -170,7 +189,12 @@ SEEDED = {
         "& (difference[CODE_BITS] | (&code));",
     ),
     "special slots corrected": ("dermis_packer", "if (special) ", "if (1'b0) "),
-    "mode within a frame": ("dermis_packer", "mode_q == 2'd1", "pedestal_mode_i == 2'd1"),
+    "mode 3 is mode 2": (
+        "dermis_packer",
+        "(pedestal_mode_i == 2'd3) ? 2'd0",
+        "(pedestal_mode_i == 2'd3) ? 2'd2",
+    ),
+    "underflow of the last code": ("dermis_packer", "under_q <= under_q | under;", "under_q <= under;"),
     "CRC polynomial": ("dermis_crc16", "{3'd0, x, 5'd0}", "{4'd0, x, 4'd0}"),
     "bytes of a code swapped": (
         "dermis_packer",
@@ -188,7 +212,7 @@ def test_the_reference_finds_a_seeded_fault(fault: str, tmp_path: Path) -> None:
     wrong = changed(tmp_path, module, (old, new))
     rows = random_rows(5, 10, 40, seed=11)
     try:
-        frames = run("icarus", rows, 5, 10, trap=wrong)["frames"]
+        result = run("icarus", rows, 5, 10, trap=wrong)
     except AssertionError:
         return
-    assert frames != pack(rows, 5, 10)
+    assert (result["frames"], result["underflows"]) != (pack(rows, 5, 10), underflows(rows, 5, 10))

@@ -14,7 +14,13 @@ from dermis.chip import register_map as rm
 
 # Ports that show or feed a register: register -> (port, lowest bit).
 OUTPUTS = {
-    "CONTROL": {"continuous": (0, 1), "dark": (3, 1), "pedestal_mode": (4, 2), "range_per_column": (6, 1)},
+    "CONTROL": {
+        "continuous": (0, 1),
+        "dark": (3, 1),
+        "pedestal_mode": (4, 2),
+        "range_per_column": (6, 1),
+        "hold": (7, 1),
+    },
     "SETTLE": {"settle": (0, 16)},
     "GATE": {"gate": (0, 16)},
     "RANGE": {"range": (0, 2)},
@@ -23,7 +29,14 @@ OUTPUTS = {
     "FULL_MIN": {"full_min": (0, 16)},
 }
 INPUTS = {
-    "STATUS": {"scanning": (0, 1), "frame_ready": (1, 1), "test_done": (2, 1), "fault": (3, 1)},
+    "STATUS": {
+        "scanning": (0, 1),
+        "frame_ready": (1, 1),
+        "test_done": (2, 1),
+        "fault": (3, 1),
+        "test_cut": (4, 1),
+        "underflow": (5, 1),
+    },
     "FRAME_NUMBER": {"frame_number": (0, 16)},
     "LOST": {"lost": (0, 16)},
     "SPI_ERRORS": {"spi_errors": (0, 16)},

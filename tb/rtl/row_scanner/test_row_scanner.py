@@ -20,21 +20,23 @@ PACK_CLOCKS = 8
 Played = list[tuple[dict[str, int], dict[str, int]]]
 
 
-INPUTS = "enable continuous shot test dark settle gate row_mask busy".split()
+INPUTS = "enable continuous shot test dark hold pedestal_mode settle gate row_mask busy".split()
 OUTPUTS = """row_select preset gate inject full_even full_odd frame_start scanning slot_done
-    done_slot done_first done_last done_test done_dark done_gate""".split()
+    done_slot done_first done_last done_test done_dark done_mode done_gate""".split()
 
 
 def random_inputs(rng: random.Random, rows: int, last: dict[str, int]) -> dict[str, int]:
     """Inputs that dwell, so that whole frames happen as well as every kind of interruption."""
     new = dict(last)
-    new["enable_i"] = int(rng.random() < (0.995 if last["enable_i"] else 0.3))
+    new["enable_i"] = int(rng.random() < (0.985 if last["enable_i"] else 0.3))
     new["continuous_i"] = int(rng.random() < (0.98 if last["continuous_i"] else 0.01))
     new["shot_i"] = int(rng.random() < 0.01)
     new["test_i"] = int(rng.random() < 0.005)
+    new["hold_i"] = int(rng.random() < (0.95 if last["hold_i"] else 0.02))
     new["busy_i"] = int(rng.random() < (0.8 if last["busy_i"] else 0.05))
     if rng.random() < 0.02:
         new["dark_i"] = rng.randint(0, 1)
+        new["pedestal_mode_i"] = rng.randrange(4)
         new["settle_i"] = rng.choice([0, 1, 2, 3, 4, 7, 12])
         new["gate_i"] = rng.choice([0, 1, 2, 5, 9])
         new["row_mask_i"] = rng.choice([0, (1 << rows) - 1, rng.getrandbits(rows)])
@@ -68,7 +70,7 @@ class Scanner:
         self.shot = self.test = 0
         self.frame: dict[str, int] = {}
         self.first = 0
-        self.done = {"slot": 0, "first": 0, "last": 0, "test": 0, "dark": 0, "gate": 0}
+        self.done = {"slot": 0, "first": 0, "last": 0, "test": 0, "dark": 0, "mode": 0, "gate": 0}
 
     def list_of(self, i: Mapping[str, int]) -> list[int]:
         rows = [r for r in range(self.rows) if i["row_mask"] >> r & 1]
@@ -95,6 +97,7 @@ class Scanner:
                 "last": int(len(self.slots) == 1),
                 "test": self.frame["test"],
                 "dark": self.frame["dark"],
+                "mode": self.frame["mode"],
                 "gate": self.frame["gate"],
             }
             self.first = 0
@@ -103,7 +106,7 @@ class Scanner:
         starts = 0
         if not i["enable"]:
             self.slots = []
-        elif not self.slots and (slots := self.list_of(i)):
+        elif not self.slots and not i["hold"] and (slots := self.list_of(i)):
             starts = 1
             self.slots, self.first, self.age, self.gate_age = slots, 1, 0, None
             self.frame = {
@@ -112,6 +115,7 @@ class Scanner:
                 "asked": i["gate"],
                 "test": self.test,
                 "dark": int(DARK in slots),
+                "mode": i["pedestal_mode"],
             }
         if starts and self.test:
             self.test = 0
@@ -149,7 +153,7 @@ SHAPES = [{"ROWS": 4}, {"ROWS": 1}, {"ROWS": 3, "BREAK_CLOCKS": 3}]
 def test_each_output_moves_on_its_edge_and_no_other_whatever_the_inputs(
     simulator: str, shape: dict[str, int]
 ) -> None:
-    played = play(simulator, shape, 4000)
+    played = play(simulator, shape, 8000)
     against_the_words(played, shape["ROWS"], shape.get("BREAK_CLOCKS", 1))
     done = [o for _, o in played if o["slot_done"]]
     # Seen often enough to mean something: frames of each kind, slots of each kind, cuts, waits.
@@ -170,6 +174,11 @@ SEEDED = {
         "if (frame_load) begin\n        first_q ",
         "if (slot_start) begin\n        first_q ",
     ),
+    "a test is not held": (
+        "(continuous_i | shot_q | test_q) & ~hold_i",
+        "((continuous_i | shot_q) & ~hold_i) | test_q",
+    ),
+    "a mode of another frame": ("done_mode_q  <= mode_q;", "done_mode_q  <= pedestal_mode_i;"),
     "a cut slot is delivered": (
         "slot_done_q <= slot_end;",
         "slot_done_q <= slot_end | (active_q & ~enable_i);",

@@ -29,6 +29,7 @@ module self_test_chain #(
   output wire [ROWS-1:0] row_fault_o,
   output wire            fault_o,
   output wire            done_o,
+  output wire            cut_o,
   output wire            end_o
 );
 
@@ -62,6 +63,8 @@ module self_test_chain #(
     .shot_i         (1'b0),
     .test_i         (test_i),
     .dark_i         (dark_i),
+    .hold_i         (1'b0),
+    .pedestal_mode_i (2'd0),
     .settle_i       (16'd6),
     .gate_i         (gate_i),
     .row_mask_i     ({ROWS{1'b1}}),
@@ -76,6 +79,7 @@ module self_test_chain #(
     .test_current_o (test_current_o),
     .frame_start_o  (),
     .scanning_o     (),
+    .working_o      (),
     .test_pending_o (test_pending),
     .busy_i         (busy),
     .row_valid_o    (row_valid),
@@ -84,6 +88,7 @@ module self_test_chain #(
     .last_o         (last),
     .test_frame_o   (test_frame),
     .dark_frame_o   (dark_frame),
+    .pedestal_mode_o (),
     .gate_clocks_o  (gate_clocks),
     .count_shift_i  (count_shift),
     .count_o        (count),
@@ -115,6 +120,7 @@ module self_test_chain #(
     .we_o            (),
     .byte_o          (),
     .end_o           (end_o),
+    .underflow_o     (),
     .column_valid_o  (column_valid),
     .column_o        (column),
     .column_count_o  (column_count),
@@ -128,11 +134,13 @@ module self_test_chain #(
   ) u_self_test (
     .clk_i          (clk_i),
     .rst_ni         (rst_ni),
+    .enable_i       (enable_i),
     .test_i         (test_i),
     .test_pending_i (test_pending),
     .row_valid_i    (row_valid),
     .first_i        (first),
     .test_frame_i   (test_frame),
+    .busy_i         (busy),
     .end_i          (end_o),
     .row_fault_i    (row_fault),
     .column_valid_i (column_valid),
@@ -147,7 +155,8 @@ module self_test_chain #(
     .full_fault_o   (full_fault_o),
     .row_fault_o    (row_fault_o),
     .fault_o        (fault_o),
-    .done_o         (done_o)
+    .done_o         (done_o),
+    .cut_o          (cut_o)
   );
 
 endmodule

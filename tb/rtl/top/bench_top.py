@@ -597,3 +597,141 @@ async def wiring(dut: Any) -> None:
     await wait_ready(chip, 8 * (200 + settle) + 500)
     assert await status() & TEST_DONE
     report("done")
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def off(dut: Any) -> None:
+    """The clock stops at each level while a row is driven or tested; enable_i takes the analog side off."""
+    s = scenario()
+    chip = Chip(dut, s["parameters"], x=s["x"])
+    host = Pins(dut, chip.clock_ps // 8)
+    rng = random.Random(3)
+
+    def on() -> int:
+        outputs = dut.row_select_o, dut.charge_o, dut.test_current_o
+        return sum(int(output.value) for output in outputs) or not int(dut.preset_o.value)
+
+    longest = 0.0
+    for level in (0, 1) * 6:
+        chip.stopped = False
+        await chip.reset()
+        await host.run(spi.write_register(rm.CONTROL, CONTINUOUS | TEST * rng.randrange(2)))
+        await chip.clocks(rng.uniform(20, 400))
+        while not int(dut.row_select_o.value) | int(dut.test_current_o.value):
+            await chip.clocks(1)
+        while int(dut.clk_i.value) != level:
+            await Timer(chip.clock_ps // 20, "ps")
+        chip.stopped = True
+        await chip.clocks(5)
+        assert on()
+        dut.enable_i.value = 0
+        begun = get_sim_time("ns")
+        await Timer(1, "ps")
+        while on() and longest < 1000.0:
+            await Timer(100, "ps")
+            longest = max(longest, get_sim_time("ns") - begun)
+    report(longest)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def cuts(dut: Any) -> None:
+    """enable_i falls at any time, often for less than a clock, most often around the last sample of
+    a slot: each frame that comes is exact, no row is called broken, and a test that was cut says so.
+    """
+    s = scenario()
+    p = s["parameters"]
+    chip = Chip(dut, p, x=s["x"])
+    host = Pins(dut, chip.clock_ps // 8)
+    rng = random.Random(s["seed"])
+    await chip.reset()
+    rows, slot = chip.rows, p["GATE_CLOCKS"] + p["SETTLE_CLOCKS"]
+    read = 0
+    for n in range(s["cuts"]):
+        await RisingEdge(dut.frame_start_o)
+        whole = chip.frame
+        # Three in four: within some clocks of the end of a slot.
+        end = rng.randrange(1, rows + 1) * slot
+        await chip.clocks(end + rng.uniform(-4, 5) if n % 4 else rng.uniform(0, rows * slot))
+        dut.enable_i.value = 0
+        await Timer(rng.choice((20_000, 90_000, chip.clock_ps, 5 * chip.clock_ps)), "ps")
+        dut.enable_i.value = 1
+        await chip.clocks(40)
+        if int(dut.frame_ready_o.value):
+            data = await host.run(spi.read_frame_bytes())
+            number = spi.parse_frame(data).number
+            assert number <= whole
+            same(data, chip.expected(number, p["GATE_CLOCKS"]))
+            read += 1
+    words = range((rows + 15) // 16)
+    assert not any([await host.run(spi.read_register(rm.ROW_FAULT + n)) for n in words])
+    report(read)
+
+
+@cocotb.test(timeout_time=10, timeout_unit="sec")
+async def commits(dut: Any) -> None:
+    """Settings written under CONTROL.hold act together: each frame has slots, gate, settle, dark
+    slot and pedestal mode of one release, that before its start.
+    """
+    s = scenario()
+    chip = Chip(dut, s["parameters"])
+    host = Pins(dut, chip.clock_ps // 8)
+    rng = random.Random(s["seed"])
+    words = range((chip.rows + 15) // 16)
+    released: dict[int, tuple[Any, ...]] = {}  # number of the first frame that may have it -> settings
+    starts: list[list[float]] = []  # of each frame, when its rows went on
+
+    async def watch_frames() -> None:
+        while True:
+            await RisingEdge(dut.frame_start_o)
+            starts.append([])
+
+    async def watch_rows() -> None:
+        while True:
+            await ValueChange(dut.row_select_o)
+            if int(dut.row_select_o.value) and starts:
+                starts[-1].append(get_sim_time("ps") / chip.clock_ps)
+
+    await chip.reset(enable=False)
+    control = CONTINUOUS
+    await host.run(spi.write_register(rm.CONTROL, control | rm.CONTROL_HOLD_MASK))
+    for task in (watch_frames, watch_rows):
+        cocotb.start_soon(task())
+    dut.enable_i.value = 1
+    writes = read = 0
+    while writes < s["writes"]:
+        mask = 0
+        while bin(mask).count("1") < 2:
+            mask = rng.getrandbits(chip.rows) & rng.getrandbits(chip.rows)
+        settle, gate, mode, dark = (
+            rng.randrange(3, 40),
+            rng.randrange(40, 90),
+            rng.randrange(3),
+            rng.randrange(2),
+        )
+        await host.run(spi.write_register(rm.CONTROL, control | rm.CONTROL_HOLD_MASK))
+        settings = [(rm.SETTLE, settle), (rm.GATE, gate)]
+        settings += [(rm.ROW_MASK + n, mask >> 16 * n & 0xFFFF) for n in words]
+        rng.shuffle(settings)
+        for address, value in settings:
+            await host.run(spi.write_register(address, value))
+            await chip.clocks(rng.expovariate(0.05) + 0.1)
+        control = CONTINUOUS | DARK * dark | pedestal_mode(mode)
+        # The frames that are there were begun before; the next has these settings.
+        released[len(starts) + 1] = (mask, gate, settle, mode, dark)
+        await host.run(spi.write_register(rm.CONTROL, control))
+        writes += len(settings) + 2
+        await chip.clocks(rng.choice((1, rng.expovariate(0.01) + 1, rng.expovariate(0.002) + 1)))
+        if int(dut.frame_ready_o.value):
+            frame = await host.run(spi.read_frame())
+            settings_of = released[max(n for n in released if n <= frame.number)]
+            rows_on = [row for row in frame.slots if row < spi.SLOT_INJECT]
+            on = starts[frame.number - 1]
+            got = (
+                sum(1 << row for row in rows_on),
+                frame.gate_clocks,
+                round(on[1] - on[0]) - frame.gate_clocks,
+            )
+            got += (frame.pedestal_mode, int(frame.dark))
+            assert got == settings_of, f"frame {frame.number}: {got}, not {settings_of}"
+            read += 1
+    report(read)

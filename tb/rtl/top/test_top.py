@@ -73,6 +73,47 @@ def test_every_status_bit_header_flag_and_pin_is_wired(simulator: str) -> None:
     run(simulator, "wiring", WIRED)
 
 
+PRESSED = [c_over_510([200, 100, 255, 0, 30])] * 4
+FORMS = pytest.mark.parametrize("sync_latch", [0, 1], ids=["sync_ff", "sync_latch"])
+
+
+@FORMS
+def test_enable_takes_the_analog_side_off_without_a_clock(simulator: str, sync_latch: int) -> None:
+    """Nanoseconds: none in the Verilog, on mapped gates those of a flop, a gate and their load."""
+    assert run(simulator, "off", SMALL | ({"SYNC_LATCH": 1} if sync_latch else {}), x=PRESSED) <= 100.0
+
+
+@FORMS
+def test_a_cut_at_any_time_corrupts_nothing(simulator: str, sync_latch: int) -> None:
+    cuts = 400 if simulator == "verilator" else 40
+    parameters = SMALL | ({"SYNC_LATCH": 1} if sync_latch else {})
+    assert run(simulator, "cuts", parameters, x=PRESSED, seed=5, cuts=cuts) >= cuts // 8
+
+
+MANY_ROWS = {"ROWS": 32, "COLS": 3, "CODE_BITS": 8, "GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
+
+
+def commits(simulator: str, writes: int, trap: Path | None = None) -> int:
+    return run(simulator, "commits", MANY_ROWS, trap=trap, seed=7, writes=writes)
+
+
+@pytest.mark.timeout(900)
+def test_settings_released_together_act_together(simulator: str) -> None:
+    writes = 10_000 if simulator == "verilator" else 300
+    assert commits(simulator, writes) >= writes // 20
+
+
+@pytest.mark.long
+def test_a_mixed_frame_is_seen(tmp_path: Path) -> None:
+    for right, wrong in (
+        ("(continuous_i | shot_q | test_q) & ~hold_i", "(continuous_i | shot_q | test_q)"),
+        ("done_mode_q  <= mode_q;", "done_mode_q  <= pedestal_mode_i;"),
+    ):
+        trap = changed(tmp_path, "dermis_row_scanner", (right, wrong))
+        with pytest.raises(AssertionError, match=r"1 failed"):
+            commits("icarus", 2000, trap)
+
+
 @pytest.mark.long
 def test_longest_and_shortest_slots_count_exactly(simulator: str) -> None:
     """All 16 bits in Verilator; Icarus would take a minute for the longest."""
@@ -159,8 +200,8 @@ MISWIRED = {
     "gate of the header": ("dermis_top", ".gate_clocks_i   (gate_clocks),", ".gate_clocks_i   (gate),"),
     "rate of 8 bits": (
         "dermis_top",
-        ".test_rate_i    (test_rate),",
-        ".test_rate_i    ({8'h00, test_rate[7:0]}),",
+        ".test_rate_i     (test_rate),",
+        ".test_rate_i     ({8'h00, test_rate[7:0]}),",
     ),
     "limit of 8 bits": (
         "dermis_top",
@@ -189,6 +230,31 @@ def test_a_wrong_wire_is_seen(fault: str, tmp_path: Path) -> None:
     trap = changed(tmp_path, module, (right, wrong))
     with pytest.raises(AssertionError, match=r"1 failed"):
         run("icarus", "wiring", WIRED, trap=trap)
+
+
+UNSAFE = {
+    "rows that need the clock": ("off", "row_select_i & {ROWS{on_q}}", "row_select_i"),
+    "a preset that needs the clock": ("off", "preset_i | ~on_q", "preset_i"),
+    "a cut that the core does not see": ("cuts", ".d_i    (on_q)", ".d_i    (enable_i)"),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fault", UNSAFE)
+def test_an_unsafe_output_is_seen(fault: str, tmp_path: Path) -> None:
+    testcase, right, wrong = UNSAFE[fault]
+    trap = changed(tmp_path, "dermis_safe_outputs", (right, wrong))
+    with pytest.raises(AssertionError):
+        assert run("icarus", testcase, trap=trap, x=PRESSED, seed=5, cuts=400) <= 100.0
+
+
+@pytest.mark.long
+def test_a_row_that_was_cut_but_delivered_is_seen(tmp_path: Path) -> None:
+    trap = changed(
+        tmp_path, "dermis_reader", ("assign row_valid_o = loaded & enable_i;", "assign row_valid_o = loaded;")
+    )
+    with pytest.raises(AssertionError):
+        run("icarus", "cuts", trap=trap, x=PRESSED, seed=5, cuts=400)
 
 
 @pytest.mark.long

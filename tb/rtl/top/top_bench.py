@@ -50,6 +50,7 @@ class Chip:
         self.levels = levels or (lambda _frame, row: row * 0x55 + 1)
         self.x = [[tuple(d) for d in row] for row in x] if x else None
         self.frame = 0
+        self.stopped = False  # the clock stands where it is, with charge-balance columns
         self.broken_rows = self.stuck_high = self.stuck_low = 0
         dut.rst_ni.value = 0
         dut.enable_i.value = 0
@@ -111,10 +112,14 @@ class Chip:
         dut.clk_i.value = 0
         await half
         while True:
+            while self.stopped:
+                await half
             dut.clk_i.value = 1
             await half
             rows, preset = self._level(dut.row_select_o), self._level(dut.preset_o)
             analog.half_clock(rows, preset, self._level(dut.charge_o))
+            while self.stopped:
+                await half
             dut.clk_i.value = 0
             await rest
             analog.half_clock(rows, preset, self._level(dut.charge_o))
