@@ -224,10 +224,17 @@ def _row(name: str, seconds: float, limit_s: float, status: str, note: str) -> v
 def prove(proof: Proof, where: str = "formal") -> list[verdict.Row]:
     """Return a row per theorem: PASS if proved at every size, FAIL if refuted, else ERROR."""
     outcomes = [run(proof, task, where=where) for task in proof.proves]
+    # The first size without a proof decides. Where only the induction fails, or a lemma, a bounded
+    # search of the theorems follows: a trace from reset says more than "unknown".
+    outcome = next((outcome for outcome in outcomes if outcome.status != "PASS"), outcomes[0])
+    if outcome.status == "UNKNOWN" or (
+        outcome.status == "FAIL" and not set(outcome.failed) & {*proof.theorems}
+    ):
+        searched = run(proof, "search", list(proof.theorems), where=where)
+        outcomes.append(searched)
+        outcome = searched if searched.status == "FAIL" else outcome
     seconds = sum(outcome.seconds for outcome in outcomes)
     limit_s = proof.option("timeout") * len(outcomes)
-    # The first size without a proof decides.
-    outcome = next((outcome for outcome in outcomes if outcome.status != "PASS"), outcomes[0])
     rows = []
     for label, meaning in proof.theorems.items():
         status, note = "ERROR", f"{outcome.status.lower()}: {outcome.note}"
@@ -270,12 +277,36 @@ def cover(proof: Proof, where: str = "formal", depth: int = 0) -> list[verdict.R
     return [row | {"status": "ERROR"} if undecided or not every else row]
 
 
+NONE = "none"
+
+
+def traced(outcome: Outcome) -> bool:
+    """Return True if a run left the trace of a counterexample."""
+    return any(path.stat().st_size for path in outcome.work.glob("sby/engine_0/trace*.vcd"))
+
+
+def faults_named(rows: Sequence[verdict.Row]) -> list[verdict.Row]:
+    """Return the share of noticed faults for which a search of all theorems names one, with a trace."""
+    noticed = [row["note"] for row in rows if ".fault." in row["name"] and row["status"] == "PASS"]
+    if not noticed:
+        return []
+    named = [note for note in noticed if f"theorems {NONE} first" not in note]
+    note = f"{len(named)} of {len(noticed)} faults that a theorem notices"
+    return [verdict.judge("formal.faults_named", 100 * len(named) / len(noticed), note)]
+
+
 def break_it(proof: Proof, fault: Fault, where: str = "formal") -> list[verdict.Row]:
-    """Return one row: PASS if the seeded fault gives a counterexample of its theorem."""
-    outcome = run(proof, "search", [fault.breaks], fault, depth=fault.depth, where=where)
-    traces = [path for path in outcome.work.glob("sby/engine_0/trace*.vcd") if path.stat().st_size]
-    if outcome.status == "FAIL" and fault.breaks in outcome.failed and traces:
+    """Return one row: PASS if the seeded fault gives a counterexample of its theorem.
+
+    The note tells what a search of all theorems names first, which is what one sees who does not know the fault.
+    """
+    outcome = run(proof, "search", list(proof.theorems), fault, depth=fault.depth, where=where)
+    named = next((label for label in outcome.failed if label in proof.theorems and traced(outcome)), "")
+    if named != fault.breaks:
+        outcome = run(proof, "search", [fault.breaks], fault, depth=fault.depth, where=where)
+    if outcome.status == "FAIL" and fault.breaks in outcome.failed and traced(outcome):
         status, note = "PASS", f"{fault.breaks} fails"
+        note += "" if named == fault.breaks else f"; of all theorems {named or NONE} first"
     elif outcome.status == "PASS":
         status, note = "FAIL", "the fault is not detected"
     elif outcome.status == "FAIL":
@@ -312,7 +343,7 @@ def run_all(
         for n, found in enumerate(pool.map(lambda job: job[0](*job[1:]), jobs), 1):
             rows += found
             done(n, "".join(f"{job[0].__name__} {job[1].name}" for job in jobs[n : n + 1]))
-    return rows
+    return rows + faults_named(rows)
 
 
 BEGIN, END = "<!-- dermis formal --docs: begin -->", "<!-- end -->"

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,14 +48,15 @@ class Technology:
             return 1.0, 1.0
         return self.early if corner == self.fast else 1.0, self.late if corner == self.slow else 1.0
 
-    def latch_source(self) -> Path:
-        """Return the Verilog that replaces rtl/dermis_tech_latch.v."""
-        return SYNTH / self.name / "dermis_tech_latch.v"
-
     def functions(self) -> list[Path]:
         """Return the Verilog of cells whose Liberty Yosys misreads, one file per cell."""
-        own = self.latch_source()
-        return sorted(path for path in own.parent.glob("*.v") if path != own)
+        return sorted(path for path in (SYNTH / self.name).glob("*.v") if not path.name.startswith("dermis_"))
+
+
+def for_cells(sources: Iterable[Path], technology: Technology | None) -> list[Path]:
+    """Return Verilog sources with the technology cells of rtl/synth, and of a library's own directory, in place."""
+    places = [SYNTH / technology.name, SYNTH] if technology else [SYNTH]
+    return [next((d / path.name for d in places if (d / path.name).is_file()), path) for path in sources]
 
 
 def osu035(name: str) -> Path:

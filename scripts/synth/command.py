@@ -26,7 +26,7 @@ from scripts.judged import SHOW, finish
 from scripts.synth.cells import TECHNOLOGIES, Technology
 from scripts.synth.equivalence import prove
 from scripts.synth.map import RAM, Netlist, Size, map_design, map_once
-from scripts.synth.timing import CLOCKS, SDC, Path_, Timing
+from scripts.synth.timing import ASYNC, CLOCKS, GATING, SDC, Path_, Timing
 
 DOCS = "docs/synthesis.md"
 MARKS = {
@@ -67,18 +67,19 @@ def attempt(rows: list[Row], name: str, work: Callable[[], list[Row]]) -> None:
         rows.append(verdict.error(name, one_line(str(error), 300)))
 
 
-def netlist_rows(netlist: Netlist, size: Size, suffix: str, memory_bits: int | None = None) -> list[Row]:
-    """Judge the contents of a flat netlist."""
-    words = size.memory_bits if memory_bits is None else memory_bits
+def netlist_rows(netlist: Netlist, size: Size, suffix: str, *, memory: bool = True) -> list[Row]:
+    """Judge the contents of a flat netlist, with its frame memory or as it is without."""
+    intended = size.latches + size.memory_bits * memory
+    unreset = size.memory_flops * memory
     latch, n = netlist.technology.latch, netlist
     latches = n.kinds[latch]
-    counts = f"{n.latches} latches, {latches} of them {latch}, {size.latches} intended"
-    flops = f"{n.unreset} flops without reset, {words} bits of frame memory"
-    error = abs(latches - size.latches) + abs(n.latches - latches)
+    counts = f"{n.latches} latches, {latches} of them {latch}, {intended} intended"
+    flops = f"{n.unreset} flops without reset, {unreset} of them at the frame memory"
+    error = abs(latches - intended) + abs(n.latches - latches)
     judged = {
         "inferred_latches": (n.inferred_latches, ""),
         "latch_count_error": (error, counts),
-        "unreset_flop_error": (abs(n.unreset - words), flops),
+        "unreset_flop_error": (abs(n.unreset - unreset), flops),
         "unmapped_cells": (sum(n.unmapped.values()), ", ".join(sorted(n.unmapped)[:3])),
         "fanout": n.fanout,
     }
@@ -86,7 +87,7 @@ def netlist_rows(netlist: Netlist, size: Size, suffix: str, memory_bits: int | N
         *(verdict.judge(f"synth.{name}.{suffix}", *found) for name, found in judged.items()),
         verdict.report(f"synth.cells.{suffix}", n.cells, "cells"),
         verdict.report(f"synth.area_um2.{suffix}", n.area_um2, "um2"),
-        verdict.report(f"synth.flops.{suffix}", n.flops, "flops", f"{n.unreset} of them frame memory"),
+        verdict.report(f"synth.flops.{suffix}", n.flops, "flops", f"and {n.latches} latches"),
     ]
 
 
@@ -116,6 +117,16 @@ def timing_rows(technology: Technology, netlist: Netlist, suffix: str) -> list[R
         for name, at, path in (("setup", slow, setup[clock, "max"]), ("hold", fast, hold[clock, "min"])):
             row = f"synth.{name}_slack_ns.{clock}.{suffix}"
             rows.append(verdict.judge(row, path.slack_ns, said(at, path)))
+    for name, at, path in (("setup", slow, setup[GATING, "max"]), ("hold", fast, hold[GATING, "min"])):
+        rows.append(verdict.judge(f"synth.gating_{name}_slack_ns.{suffix}", path.slack_ns, said(at, path)))
+    for name, at, path in (("recovery", slow, setup[ASYNC, "max"]), ("removal", fast, hold[ASYNC, "min"])):
+        note = f"{said(at, path)}; one gate drives all, before the tree of layout"
+        rows.append(verdict.measured(f"synth.{name}_slack_ns.{suffix}", path.slack_ns, "ns", note))
+    skew, width = slow.skew_ns("charge_o*", periods)
+    note = f"corner {slow.corner}; rise and fall of a column differ by {width:.2f} ns, a gain of all columns"
+    rows.append(verdict.judge(f"synth.charge_skew_ns.{suffix}", skew, note))
+    safe = f"corner {slow.corner}, from enable_i"
+    rows.append(verdict.judge(f"safe.off_ns.{suffix}", slow.to_safe_ns(periods), safe))
     for clock, path in slow.crossings(periods).items():
         row = f"synth.crossing_slack_ns.{clock}.{suffix}"
         rows.append(verdict.judge(row, path.slack_ns, said(slow, path)))
@@ -203,14 +214,14 @@ def size_rows(technology: Technology, size: Size) -> list[Row]:
     def bare() -> list[Row]:
         directory = place(technology, size, "_no_memory")
         made = map_design(technology, size.parameters, directory, black_box_memory=True)
-        own = netlist_rows(made, size, f"{suffix}.no_memory", memory_bits=0)
+        own = netlist_rows(made, size, f"{suffix}.no_memory", memory=False)
         return own if whole else own + fmax(made)
 
     def memory() -> list[Row]:
         words = size.bank_bytes if whole else MEMORY_LIMIT_BITS // 16
         bank = map_design(technology, {"WORDS": words}, place(technology, size, "_bank"), top=RAM)
-        per_bit = bank.area_um2 / bank.flops
-        note = "two banks" if whole else f"from {bank.flops} bits, {per_bit:.1f} um2 each"
+        per_bit = bank.area_um2 / bank.latches
+        note = "two banks" if whole else f"from {bank.latches} bits, {per_bit:.1f} um2 each"
         return [verdict.report(f"synth.memory_um2.{suffix}", per_bit * size.memory_bits, "um2", note)]
 
     def fmax(made: Netlist) -> list[Row]:

@@ -22,7 +22,7 @@ from dermis.scene.design import ROOT
 from scripts import templates
 from scripts.judged import tool
 from scripts.synth import cells as synth_cells
-from scripts.synth.cells import Cell, Technology, areas, cells, mapping_liberty
+from scripts.synth.cells import Cell, Technology, areas, cells, for_cells, mapping_liberty
 
 TOP = "dermis_top"
 RAM = "dermis_tech_ram"
@@ -71,7 +71,13 @@ class Size:
 
     @property
     def memory_bits(self) -> int:
+        """Bits of the frame memory, a latch each."""
         return 2 * self.bank_bytes * 8
+
+    @property
+    def memory_flops(self) -> int:
+        """Flops at the write ports of the frame memory: enable, address and byte; without reset like it."""
+        return 2 * (1 + max(1, (self.bank_bytes - 1).bit_length()) + 8)
 
 
 @dataclass
@@ -119,11 +125,8 @@ def run_yosys(script: Sequence[str], directory: Path, name: str, limit_s: float 
 
 
 def read_rtl(technology: Technology | None, sources: Sequence[Path] | None = None) -> str:
-    """Return the read_verilog line of rtl/files.f, with the latch cell of a technology."""
-    files = list(rtl_sources() if sources is None else sources)
-    if technology is not None:
-        own = technology.latch_source()
-        files = [own if path.name == own.name else path for path in files]
+    """Return the read_verilog line of rtl/files.f, with the cells of a technology, or those of any."""
+    files = for_cells(rtl_sources() if sources is None else sources, technology)
     includes = " ".join(f"-I{d}" for d in rtl_include_dirs())
     return f"read_verilog {includes} {' '.join(str(f) for f in files)}"
 
@@ -202,8 +205,13 @@ def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
     what = [repr(technology), dict(parameters), _tools()]
     digest = hashlib.sha256(json.dumps(what, sort_keys=True).encode())
     headers = [h for d in rtl_include_dirs() for h in sorted(d.glob("*.vh"))]
-    own = [Path(__file__), Path(synth_cells.__file__), technology.latch_source(), templates.path("map.ys")]
-    for path in [*rtl_sources(), *headers, *own, technology.liberty(technology.corners[0])]:
+    own = [Path(__file__), Path(synth_cells.__file__), templates.path("map.ys")]
+    for path in [
+        *for_cells(rtl_sources(), technology),
+        *headers,
+        *own,
+        technology.liberty(technology.corners[0]),
+    ]:
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 

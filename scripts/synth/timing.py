@@ -24,6 +24,7 @@ from scripts.synth.map import TOP
 SDC = SYNTH / "dermis.sdc"
 STA_LIMIT_S = 300.0
 CLOCKS = ("clk", "sck")
+ASYNC, GATING = "async_default", "clock_gating_default"
 # End of the search for the highest clock: slack as a part of the period.
 _CLOSE = 1e-3
 _STEPS = 25
@@ -85,9 +86,8 @@ def liberty_with_wires(technology: Technology, corner: str, directory: Path) -> 
 # Pins without a clock or a constraint, by the start of their names, and the reason.
 UNTIMED = {
     "frame_ready_o": "an interrupt pin, synchronized by its receiver",
-    "u_enable_sync.u_first.": "the flop that samples the enable pin",
     "u_reset_sync.u_first.": "constant data",
-    "u_spi.begun_q": "clocked by the falling edge of CS, constant data, used eight SCK edges later",
+    "u_spi.begun_q": "constant data",
 }
 
 
@@ -106,19 +106,20 @@ class Timing:
     sdc: Path = SDC
     black_boxes: bool = False
 
-    def _run(self, name: str, periods: Mapping[str, float], cut: bool, reports: Sequence[str]) -> str:
+    def _run(self, name: str, periods: Mapping[str, float], reports: Sequence[str], *settings: str) -> str:
         """Return the reports of OpenSTA, then "setup check" and the list of pins without timing."""
         self.directory.mkdir(parents=True, exist_ok=True)
         script, log = (self.directory / f"{name}.{end}" for end in ("tcl", "log"))
+        early, late = self.technology.derates(self.corner)
+        known = {"early_derate": early, "late_derate": late, "driving_cell": self.technology.driver}
         text = templates.text(
             "sta.tcl",
             liberty=liberty_with_wires(self.technology, self.corner, self.directory),
             netlist=self.netlist,
             top=TOP,
             periods=periods,
-            cut=cut,
+            settings=known | dict.fromkeys(settings, 1),
             sdc=self.sdc,
-            derates=self.technology.derates(self.corner),
             reports=reports,
         )
         script.write_text(text)
@@ -135,14 +136,15 @@ class Timing:
         return said
 
     def worst(self, periods: Mapping[str, float]) -> dict[tuple[str, str], Path_]:
-        """Return the worst setup ("max") and hold ("min") path of each clock; periods in ns."""
+        """Return the worst setup ("max") and hold ("min") path of each clock, and of the groups ASYNC
+        (recovery and removal) and GATING that there are; periods in ns.
+        """
         name = f"sta_{self.corner}"
         reports = [
-            f"report_checks -path_delay {kind} -path_group {clock} -format full_clock_expanded -digits 4"
+            f"report_checks -path_delay {kind} -format full_clock_expanded -digits 4"
             for kind in ("max", "min")
-            for clock in CLOCKS
         ]
-        paths = parse(self._run(name, periods, True, reports))
+        paths = parse(self._run(name, periods, reports, "cut_crossings"))
         if missing := [f"{k} {clock}" for clock in CLOCKS for k in ("max", "min") if (clock, k) not in paths]:
             log = self.directory / f"{name}.log"
             raise SimulatorError(f"OpenSTA reported no path for {', '.join(missing)}", log)
@@ -156,7 +158,7 @@ class Timing:
             f"-to [get_clocks {receiver}] -format full_clock_expanded -digits 4"
             for sender, receiver in (CLOCKS, CLOCKS[::-1])
         ]
-        said = self._run(name, periods, False, reports)
+        said = self._run(name, periods, reports)
         found: dict[str, Path_] = {}
         for receiver in CLOCKS:
             _, _, rest = said.partition(f"to {receiver}\n")
@@ -166,6 +168,37 @@ class Timing:
                 raise SimulatorError(f"OpenSTA reported no path into {receiver}", log)
             found[receiver] = paths[0]
         return found
+
+    def skew_ns(self, ports: str, periods: Mapping[str, float]) -> tuple[float, float]:
+        """Return the largest difference of one edge between output ports, and that of rise and fall of a port."""
+        edges = []
+        for kind in ("max_rise", "max_fall"):
+            report = f"report_checks -to [get_ports {ports}] -path_delay {kind} -group_count 1000 -format end -digits 4"
+            said = self._run(f"sta_{self.corner}_{kind}", periods, [report], "cut_crossings")
+            edges.append(
+                dict(re.findall(r"^(\S+) \(output\) +\S+ +(\S+)", said.split("setup check")[0], re.M))
+            )
+        rise, fall = ({port: float(delay) for port, delay in found.items()} for found in edges)
+        if not rise or rise.keys() != fall.keys():
+            raise SimulatorError(f"OpenSTA reported no path to {ports}", self.directory)
+        skew = max(max(found.values()) - min(found.values()) for found in (rise, fall))
+        return skew, max(abs(rise[port] - fall[port]) for port in rise)
+
+    def to_safe_ns(self, periods: Mapping[str, float]) -> float:
+        """Return the delay from the enable pin through the clear of a flop to the last of the outputs."""
+        reports = [
+            "set sta_preset_clear_arcs_enabled 1",
+            "report_checks -from [get_ports enable_i] -path_delay max -format full_clock_expanded -digits 4",
+        ]
+        name = f"sta_{self.corner}_to_safe"
+        said = re.findall(
+            r"^ *([\d.]+) +data arrival time",
+            self._run(name, periods, reports, "cut_crossings", "to_safe"),
+            re.M,
+        )
+        if not said:
+            raise SimulatorError("OpenSTA reported no path from enable_i", self.directory / f"{name}.log")
+        return float(said[0])
 
     def untimed(self) -> list[str]:
         """Return loops, and pins without timing that UNTIMED does not name, of the last `worst`."""

@@ -54,7 +54,7 @@ def status(rows: list[verdict.Row]) -> dict[str, str]:
 
 def judged(netlist: Netlist, latches: int = 0) -> dict[str, str]:
     size = Size(1, max(latches, 1), sync_latch=latches > 0)
-    return status(synth.netlist_rows(netlist, size, "x", memory_bits=0))
+    return status(synth.netlist_rows(netlist, size, "x", memory=False))
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,8 @@ def test_a_small_chip_maps_is_proved_equal_and_meets_its_clocks(
     found = set(status(rows))
     assert {"latch_count_error", "unreset_flop_error", "not_equivalent"} <= found
     assert {"setup_slack_ns", "hold_slack_ns", "crossing_slack_ns"} <= found
-    assert flat.unreset == SIZE.memory_bits
+    assert flat.latches == SIZE.memory_bits
+    assert flat.unreset == SIZE.memory_flops
     assert flat.fanout[0] > 4
 
 
@@ -140,9 +141,10 @@ def test_the_memory_can_stay_a_black_box_and_the_hierarchy_be_kept(tmp_path: Pat
     bare, whole, split = made("bare", black_box_memory=True), made("whole"), made("split", hierarchical=True)
     assert (bare.kinds[RAM], bare.unreset, bare.unmapped) == (2, 0, {})
     assert "#(" not in bare.verilog.read_text()
-    assert whole.unreset == whole.flops - bare.flops == 2 * 9 * 8
+    assert whole.unreset == whole.flops - bare.flops == 2 * (1 + 4 + 8)
+    assert (whole.latches, bare.latches) == (2 * 9 * 8, 0)
     memory, top = split.blocks[RAM], split.blocks["dermis_frame_buffer"]
-    assert (memory["instances"], memory["flops"], top["flops"]) == (2, 2 * 9 * 8, whole.flops)
+    assert (memory["instances"], memory["latches"], top["flops"]) == (2, 2 * 9 * 8, whole.flops)
     assert top["area_um2"] == split.area_um2 > memory["area_um2"]
 
 
