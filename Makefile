@@ -86,7 +86,7 @@ equivalence: setup ## channels in transistors against their extracted models [AR
 datasheet: setup ## the chip in transistors in one table: INL, DNL, noise, ENOB, rejection, power [ARGS=--docs]
 	@$(dermis) datasheet $(ARGS)
 
-board: base ## a column of the direct interface from parts on a board, in ngspice, against its limits [ARGS="--points 32"]
+board: base ## a column of the direct interface from parts on a board, in ngspice, against its limits [ARGS="--points 8"]
 	@$(dermis) board $(ARGS)
 
 bench: setup ## speed and accuracy figures, into build/bench.json

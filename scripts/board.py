@@ -26,13 +26,11 @@ FIT: dict[str, Changes] = {
     "full_column": COLUMN,
     "full_row": ROW,
     "full_row_and_column": COLUMN | ROW,
-    "5mhz_50mhz_amplifier_full_column": FAST
-    | COLUMN
-    | {"gbw_hz": 50e6, "slew_v_per_s": 25e6, "t_delay_s": 30e-9},
+    "5mhz_50mhz_full_column": FAST | COLUMN | {"gbw_hz": 50e6, "slew_v_per_s": 25e6, "t_delay_s": 30e-9},
 }
 UNFIT: dict[str, Changes] = {
-    "5mhz_10mhz_amplifier": FAST,
-    "5mhz_10mhz_amplifier_full_column": FAST | COLUMN,
+    "5mhz_10mhz": FAST,
+    "5mhz_10mhz_full_column": FAST | COLUMN,
     "offset_half_mv_full_column": COLUMN | {"v_offset_v": -0.5e-3},
     "comparator_delay_5_us": {"t_delay_s": 5e-6},
     "row_switch_50_ohm": {"r_switch_ohm": 50.0},
@@ -69,12 +67,14 @@ def column_error(changes: Changes, points: int, work: Path) -> tuple[float, str]
     v_row = design.interface.v_bias_v / (1 + design.row_driver.r_on_ohm * row_s)
     alone, line = design.timing.gate_clocks * v_row / design.i0_direct_a / ohm
     gain = conversion(ohm[0], {**changes, "other_column": 0, "other_row": 0}, work)["packets"] / alone[0]
-    error = np.abs([round(conversion(r, changes, work)["pulses"]) for r in ohm] / gain - line)
-    return float(error.max()), f"at {ohm[error.argmax()]:.0f} ohm; gain {gain:.4f}"
+    found = (conversion(r, changes, work) for r in ohm)
+    counts = np.array([(round(values["pulses"]), values["packets"]) for values in found]).T
+    error, fine = np.abs(counts / gain - line).max(axis=1)
+    return float(error), f"{fine:.2f} without rounding, gain {gain:.4f}, {points} resistances"
 
 
 @click.command("board", context_settings=SHOW)
-@click.option("--points", type=click.IntRange(2, 256), default=10, help="Number of resistances a board.")
+@click.option("--points", type=click.IntRange(2, 256), default=40, help="Number of resistances a board.")
 def board_command(points: int) -> int:
     """Convert resistances with a column on a board, in ngspice: error after one gain point."""
     rows = []
@@ -84,5 +84,5 @@ def board_command(points: int) -> int:
                 rows.append(verdict.judge(key, *column_error(changes, points, BUILD / "board")))
             except SimulatorError as error:
                 rows.append(verdict.error(key, str(error)))
-    code = finish("board", rows, f"a column on a board, {points} resistances each")
+    code = finish("board", rows, "a column on a board: error after one gain point")
     return SimulatorError.exit_code if any(row["status"] == "ERROR" for row in rows) else code
