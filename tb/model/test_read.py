@@ -302,6 +302,15 @@ def test_rows_of_interest_are_followed_as_frame_by_frame(late: int, monkeypatch:
     assert delay["note"].startswith(f"{sum(w > 0 for w in waits)} of {len(waits)} late; ")
 
 
+def test_a_recording_of_years_is_followed_for_its_beginning() -> None:
+    codes = np.zeros((3, 4, 4), int)
+    codes[2] = 9
+    saved, delay = read.interest_rows(codes, np.array([0.0, 1.0, 1e9]), 0.002)
+    assert saved["note"] == "20000 frames of 0.002 s"
+    assert (saved["status"], delay["value"]) == ("PASS", 0)
+    assert read.interest_rows(codes[:1], np.zeros(1), 0.002)[0]["note"] == "1 frames of 0.002 s"
+
+
 def test_a_policy_that_saves_nothing_or_looks_nowhere_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     codes = np.zeros((40, 8, 8), int)
     codes[10:30, 5] = 50

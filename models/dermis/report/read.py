@@ -159,7 +159,8 @@ def interest_rows(codes: NDArray[Any], time_s: Floats, t_frame_s: float, late: i
 
     A mask acts `late` frames after the next: 1 in continuous scanning, 0 with single shots.
     """
-    time = np.arange(time_s[0], time_s[-1] + t_frame_s / 2, t_frame_s)[:20_000]  # half a second of work
+    # 20 000 frames are 40 s of a touch, and half a second of work.
+    time = t_frame_s * np.arange(min(20_000, int(np.ptp(time_s) / t_frame_s + 1.5))) + time_s[0]
     peaks = np.stack([np.interp(time, time_s, peak) for peak in codes.max(axis=2).T], axis=1)
     policy = RowsOfInterest(codes.shape[1])
     masks = [policy.mask] * (1 + late)
