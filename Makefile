@@ -20,7 +20,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help base demo docs report setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check calibrated campaign hard sweep characterise lint test formal fuzz mutate coverage schematics synth gl liberty bench \
+.PHONY: help base demo docs report setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check calibrated campaign hard sweep characterise lint test formal fuzz mutate coverage schematics synth gl liberty board bench \
         waves generate gen-check calc clean faults extract equivalence datasheet
 
 help: ## print this list
@@ -85,6 +85,9 @@ equivalence: setup ## channels in transistors against their extracted models [AR
 
 datasheet: setup ## the chip in transistors in one table: INL, DNL, noise, ENOB, rejection, power [ARGS=--docs]
 	@$(dermis) datasheet $(ARGS)
+
+board: base ## a column of the direct interface from parts on a board, in ngspice, against its limits [ARGS="--points 8"]
+	@$(dermis) board $(ARGS)
 
 bench: setup ## speed and accuracy figures, into build/bench.json
 	@$(dermis) bench $(ARGS)

@@ -2,8 +2,9 @@
 """Simulator of a readout chip for resistive artificial skin, and models of the chip.
 
 `simulate` runs a scene or an array of forces through the chip, `newtons` turns codes back into
-forces, `Skin` does both in compiled loops for a robot simulator, and `scene_names` lists the scenes
-that come with the package. Errors are `InputError` and `SimulatorError`; both are a `DermisError`.
+forces, `Skin` does both in compiled loops for a robot simulator, `RowsOfInterest` chooses the rows of
+a host's next frame, and `scene_names` lists the scenes that come with the package. Errors are
+`InputError` and `SimulatorError`; both are a `DermisError`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dermis.machine_code import drop_stale
 
 if TYPE_CHECKING:
     from dermis.api import Result, newtons, scene_names, simulate
+    from dermis.chip.spi_protocol import RowsOfInterest
     from dermis.errors import DermisError, InputError, SimulatorError
     from dermis.skin import Skin
 
@@ -25,6 +27,7 @@ drop_stale(Path(__file__).parent)
 _NAMES = {
     **dict.fromkeys(("DermisError", "InputError", "SimulatorError"), "dermis.errors"),
     **dict.fromkeys(("Result", "newtons", "scene_names", "simulate"), "dermis.api"),
+    "RowsOfInterest": "dermis.chip.spi_protocol",
     "Skin": "dermis.skin",
 }
 
@@ -32,6 +35,7 @@ __all__ = [
     "DermisError",
     "InputError",
     "Result",
+    "RowsOfInterest",
     "SimulatorError",
     "Skin",
     "__version__",

@@ -11,12 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from numpy.typing import ArrayLike
 
+from dermis.chip.spi_protocol import RowsOfInterest
 from dermis.decode import recording
 from dermis.decode.calibration import Calibration
 from dermis.decode.recording import Layout
 from dermis.errors import InputError
 from dermis.report import read, verdict
+from dermis.scene.design import ROOT
 
 FRAMES = np.round(np.random.default_rng(0).uniform(0, 9, (7, 4, 6)), 3)
 TIME = 100.0 + 0.02 * np.arange(7)
@@ -261,3 +264,82 @@ def test_a_calibration_of_another_chip_fails(tmp_path: Path) -> None:
     status, said = run(str(tmp_path / "touch.npy"), *arguments, "--calibration", str(tmp_path / "other.toml"))
     assert status == 1
     assert "column 2" in said
+
+
+# ---- rows of interest
+
+
+def plain_waits(masks: list[np.ndarray], peaks: np.ndarray) -> list[int]:
+    """Frames from the moment a row is touched to the first frame that has the row, one by one."""
+    waits = []
+    for row in range(peaks.shape[1]):
+        for frame in range(len(peaks)):
+            if peaks[frame, row] >= 8 and (frame == 0 or peaks[frame - 1, row] < 8):
+                wait = 0
+                while frame + wait < len(peaks) and not masks[frame + wait][row]:
+                    wait += 1
+                waits.append(wait)
+    return waits
+
+
+@pytest.mark.parametrize("late", [0, 1])
+def test_rows_of_interest_are_followed_as_frame_by_frame(late: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    codes = rng.integers(0, 30, (200, 12, 5)) * (rng.random((200, 12, 1)) < 0.05)
+    given = []
+
+    class Noted(RowsOfInterest):
+        def next(self, slots: ArrayLike, values: ArrayLike) -> np.ndarray:
+            given.append(super().next(slots, values))
+            return given[-1]
+
+    monkeypatch.setattr(read, "RowsOfInterest", Noted)
+    saved, delay = read.interest_rows(codes, 0.002 * np.arange(200), 0.002, late)
+    masks = [np.ones(12, bool)] * (1 + late) + given
+    waits = plain_waits(masks, codes.max(axis=2))
+    assert saved["value"] == pytest.approx(1 - np.mean(masks[:200]))
+    assert delay["value"] == max(waits) > 5
+    assert delay["note"].startswith(f"{sum(w > 0 for w in waits)} of {len(waits)} late; ")
+
+
+def test_a_recording_of_years_is_followed_for_its_beginning() -> None:
+    codes = np.zeros((3, 4, 4), int)
+    codes[2] = 9
+    saved, delay = read.interest_rows(codes, np.array([0.0, 1.0, 1e9]), 0.002)
+    assert saved["note"] == "20000 frames of 0.002 s"
+    assert (saved["status"], delay["value"]) == ("PASS", 0)
+    assert read.interest_rows(codes[:1], np.zeros(1), 0.002)[0]["note"] == "1 frames of 0.002 s"
+
+
+def test_a_policy_that_saves_nothing_or_looks_nowhere_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    codes = np.zeros((40, 8, 8), int)
+    codes[10:30, 5] = 50
+    times = 0.002 * np.arange(40)
+    monkeypatch.setattr(read, "RowsOfInterest", lambda rows: RowsOfInterest(rows, every=1))
+    assert [row["value"] for row in read.interest_rows(codes, times, 0.002)] == [0, 0]
+
+    class Blind(RowsOfInterest):
+        def next(self, slots: ArrayLike, values: ArrayLike) -> np.ndarray:
+            return np.arange(8) == 0
+
+    monkeypatch.setattr(read, "RowsOfInterest", Blind)
+    saved, delay = read.interest_rows(codes, times, 0.002)
+    assert (saved["value"], delay["value"]) == (1 - (2 * 8 + 38) / 320, 30)
+    assert delay["note"] == "1 of 1 late; 20 of 20 readings missed"
+
+
+@pytest.mark.paper
+def test_the_page_has_the_rows_of_the_recordings(tmp_path: Path, gait_csv: Path) -> None:
+    page = (ROOT / "docs" / "spi.md").read_text(encoding="utf-8")
+    touch = [str(ROOT / "models/scenes/recorded_touch.csv"), "--unit", "newtons", "--rate", "100"]
+    found = [(*touch, "--rows", "16", "--cols", "16")]
+    if gait_csv.name == "fscan_gait_16x16.csv":
+        found.append((str(gait_csv), "--unit", "codes", "--rate", "31.25"))
+    for arguments in found:
+        assert run(*arguments, "--out", str(tmp_path / "out"))[0] == 0
+        summary = json.loads((tmp_path / "out/summary.json").read_text())
+        rows = {row["name"]: row for row in summary["verdicts"]}
+        saved, delay = rows["read.rows_saved"], rows["read.touch_delay_frames"]
+        late, missed = delay["note"].removesuffix(" readings missed").split(" late; ")
+        shown = f"{saved['value']:.0%}".replace("%", " %"), f"{delay['value']}", late, missed
+        assert f"| {' | '.join(shown)} |" in page.replace("22 401", "22401")

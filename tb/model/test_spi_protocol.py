@@ -12,6 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dermis.chip import spi_protocol as spi
+from dermis.chip.register_map import REGISTERS
+from dermis.errors import InputError
 
 
 def answering(answer: bytes) -> Callable[[bytes], bytes]:
@@ -136,3 +138,77 @@ def test_what_is_no_frame_is_refused_by_kind() -> None:
             spi.parse_frame(sealed(body))
     with pytest.raises(KeyError):
         spi.parse_frame(sealed(header + slot)).slot(4)
+
+
+# ---- rows of interest
+
+
+def looked_at(policy: spi.RowsOfInterest, touched: set[int]) -> set[int]:
+    """Return the rows of the next frame, after one with a code of 8 in the touched rows that it has."""
+    slots = np.flatnonzero(policy.mask)
+    codes = np.zeros((slots.size, 3), np.uint8)
+    codes[np.isin(slots, list(touched)), 1] = 8
+    return set(np.flatnonzero(policy.next(slots, codes)).tolist())
+
+
+def test_touched_rows_and_their_neighbours_are_looked_at_and_all_in_every_nth_frame() -> None:
+    policy = spi.RowsOfInterest(16, every=4)
+    every = set(range(16))
+    # Row 11 is touched in frame 1, which does not have it, and seen after the whole frame.
+    found = [looked_at(policy, touched) for touched in ({0, 5}, {0, 5, 11}, {5, 11}, {5, 11}, {5, 11}, set())]
+    assert found[:3] == [{0, 1, 4, 5, 6}, {0, 1, 4, 5, 6}, {4, 5, 6}]
+    assert found[3:5] == [every, {4, 5, 6, 10, 11, 12}]
+    assert found[5] == {r for r in every if (r + 6) % 3 == 0}
+
+
+def test_codes_below_the_threshold_and_slots_that_are_no_rows_do_not_count() -> None:
+    policy = spi.RowsOfInterest(4, threshold=8)
+    frame = np.array([[7, 7], [255, 255], [0, 8]])
+    assert policy.next((0, spi.SLOT_DARK, 3), frame).tolist() == [False, False, True, True]
+    newtons = spi.RowsOfInterest(4, threshold=0.5)
+    assert newtons.next((0, 1, 2, 3), [[0.6], [0.4], [0.0], [0.0]]).tolist() == [True, True, False, False]
+
+
+@pytest.mark.parametrize("rows", [1, 16, 20, 128])
+def test_the_words_are_those_of_the_register(rows: int) -> None:
+    assert spi.RowsOfInterest(rows).words == REGISTERS["ROW_MASK"].words(rows, 16, 8)
+
+
+@given(
+    rows=st.integers(1, 128),
+    neighbours=st.integers(0, 130),
+    every=st.integers(1, 20),
+    seed=st.integers(0, 99),
+)
+def test_no_mask_is_empty_and_no_row_waits_longer_than_the_whole_frame(
+    rows: int, neighbours: int, every: int, seed: int
+) -> None:
+    rng, policy = np.random.default_rng(seed), spi.RowsOfInterest(rows, 8, neighbours, every)
+    left = np.zeros(rows, int)
+    for _ in range(3 * every):
+        slots = np.flatnonzero(policy.mask)
+        left = np.where(policy.mask, 0, left + 1)
+        policy.next(slots, (rng.random((slots.size, 2)) < 0.1 / rows) * 9)
+        assert policy.mask.any()
+        assert left.max() < every
+        words = policy.words
+        assert [words[r // 16] >> r % 16 & 1 for r in range(rows)] == policy.mask.tolist()
+        assert len(words) == (rows + 15) // 16
+        assert sum(word.bit_count() for word in words) == policy.mask.sum()
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: spi.RowsOfInterest(0), "rows = 0: a whole number from 1"),
+        (lambda: spi.RowsOfInterest(16, neighbours=-1), "neighbours = -1: a whole number from 0"),
+        (lambda: spi.RowsOfInterest(16, every=0.5), "every = 0.5: a whole number from 1"),
+        (lambda: spi.RowsOfInterest(2).next((0, 1), [1, 2]), "codes = shape (2,): [2, cols]"),
+        (lambda: spi.RowsOfInterest(2).next((0,), [[1], [2]]), "codes = shape (2, 1): [1, cols]"),
+    ],
+)
+def test_what_rows_of_interest_cannot_take_is_one_line(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        call()
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -255,6 +255,41 @@ class Frame:
         return self.codes[self.slots.index(number)]
 
 
+class RowsOfInterest:
+    """Choose the rows of the next frame: touched ones and their neighbours, all rows `every` n frames.
+
+    A row is touched if one of its codes (or forces in newtons) is at least `threshold`. While none is,
+    each frame has one row in 2 neighbours + 1 by turns: a mask of no row gives no frame. `mask` [rows]
+    is True for the rows of the next frame. InputError for a number out of range.
+    """
+
+    def __init__(self, rows: int, threshold: float = 8, neighbours: int = 1, every: int = 16) -> None:
+        for name, value, least in (("rows", rows, 1), ("neighbours", neighbours, 0), ("every", every, 1)):
+            if not isinstance(value, int) or value < least:
+                raise InputError("RowsOfInterest", name, value, f"a whole number from {least}")
+        self.threshold, self.neighbours, self.every = threshold, neighbours, every
+        self.mask, self._frame = np.ones(rows, bool), 0
+
+    @property
+    def words(self) -> list[int]:
+        """Values of the registers ROW_MASK, ROW_MASK + 1, ... (docs/registers.md)."""
+        bits = np.packbits(np.pad(self.mask, (0, -len(self.mask) % 16)), bitorder="little")
+        return bits.view("<u2").tolist()
+
+    def next(self, slots: npt.ArrayLike, codes: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Return the next mask from slots [n] and codes [n, cols] of a `Frame`; InputError for other shapes."""
+        slots, codes, rows = np.asarray(slots, int), np.asarray(codes), len(self.mask)
+        if codes.ndim != 2 or slots.shape != codes.shape[:1]:
+            raise InputError("RowsOfInterest", "codes", f"shape {codes.shape}", f"[{slots.size}, cols]")
+        touched, reach = np.zeros(rows, bool), 2 * self.neighbours + 1
+        touched[slots[slots < rows]] = (codes[slots < rows] >= self.threshold).any(axis=1)
+        near = np.convolve(touched, np.ones(reach))[self.neighbours :][:rows] > 0
+        self._frame += 1
+        idle = (np.arange(rows) + self._frame) % min(reach, rows) == 0
+        self.mask = (near if near.any() else idle) | (self._frame % self.every == 0)
+        return self.mask
+
+
 def slot_bytes(cols: int, code_bits: int) -> int:
     """Bytes of one slot in a frame: its number, the codes, the overflow bits."""
     return 1 + cols * (2 if code_bits > 8 else 1) + (cols + 7) // 8

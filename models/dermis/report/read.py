@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis import plan as planning
+from dermis.chip.spi_protocol import RowsOfInterest
 from dermis.decode import calibration, recording
 from dermis.decode.decoder import Forces
 from dermis.errors import InputError, one_line, optional
@@ -153,6 +154,26 @@ def read_frames(
     return codes, found, rows
 
 
+def interest_rows(codes: NDArray[Any], time_s: Floats, t_frame_s: float, late: int = 1) -> list[verdict.Row]:
+    """Follow `RowsOfInterest` over codes [frames, rows, cols], at the frame rate of the chip.
+
+    A mask acts `late` frames after the next: 1 in continuous scanning, 0 with single shots.
+    """
+    # 20 000 frames are 40 s of a touch, and half a second of work.
+    time = t_frame_s * np.arange(min(20_000, int(np.ptp(time_s) / t_frame_s + 1.5))) + time_s[0]
+    peaks = np.stack([np.interp(time, time_s, peak) for peak in codes.max(axis=2).T], axis=1)
+    policy = RowsOfInterest(codes.shape[1])
+    masks = [policy.mask] * (1 + late)
+    for mask, peak in zip(masks, peaks, strict=False):  # grows while it is followed
+        masks.append(policy.next(np.flatnonzero(mask), peak[mask, None]))
+    read, touched, at = np.array(masks[: len(time)]), peaks >= policy.threshold, np.arange(len(time))[:, None]
+    wait = np.minimum.accumulate(np.where(read, at, len(time))[::-1])[::-1] - at
+    waits = wait[touched & np.diff(touched, axis=0, prepend=False)]
+    note = f"{(waits > 0).sum()} of {waits.size} late; {(touched & ~read).sum()} of {touched.sum()} readings missed"
+    saved = verdict.report("read.rows_saved", 1 - read.mean(), "1", f"{len(time)} frames of {t_frame_s:g} s")
+    return [saved, verdict.report("read.touch_delay_frames", int(waits.max(initial=0)), "frames", note)]
+
+
 @click.command("read")
 @click.argument("file", type=click.Path())
 @click.option("--unit", type=click.Choice(recording.UNITS), help="Unit of the values.")
@@ -224,6 +245,7 @@ def read_command(
             own.check(rows, cols, known)
         skin = Skin(chip, calibration=own)
         codes, found, judged = read_frames(skin, rec, force)
+        judged += interest_rows(codes, rec.time_s, chip.timing.frame_s)
         said = {"file": str(file), "unit": unit, "scene": scene or "default chip", "calibration": known}
         write(target, rec, codes, found, judged, said, hdf5)
         verdict.write_rows("read", judged)

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dermis board`: one column of the direct interface from parts on a board, in ngspice (docs/board.md)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import click
+import numpy as np
+
+from dermis.chip import ladder, spice_batch
+from dermis.errors import SimulatorError
+from dermis.files import write_atomic
+from dermis.places import BUILD, ROOT
+from dermis.report import verdict
+from dermis.scene.design import load as load_design
+from scripts.judged import SHOW, finish
+
+Changes = Mapping[str, float]
+"""Parameters of spice/board/column.sp with other values."""
+COLUMN, ROW, FAST = {"other_column": 15}, {"other_row": 15}, {"f_clk_hz": 5e6}
+FIT: dict[str, Changes] = {
+    "lone_taxel": {},
+    "full_column": COLUMN,
+    "full_row": ROW,
+    "full_row_and_column": COLUMN | ROW,
+    "5mhz_50mhz_full_column": FAST | COLUMN | {"gbw_hz": 50e6, "slew_v_per_s": 25e6, "t_delay_s": 30e-9},
+}
+UNFIT: dict[str, Changes] = {
+    "5mhz_10mhz": FAST,
+    "5mhz_10mhz_full_column": FAST | COLUMN,
+    "offset_half_mv_full_column": COLUMN | {"v_offset_v": -0.5e-3},
+    "comparator_delay_5_us": {"t_delay_s": 5e-6},
+    "row_switch_50_ohm": {"r_switch_ohm": 50.0},
+    "one_undriven_row_at_0_v": {"other_column": 1, "v_undriven_v": 0.0},
+}
+"""Boards that must miss the limit of the others, or the bench shows nothing."""
+
+
+def conversion(r_taxel_ohm: float, changes: Changes, work: Path) -> Mapping[str, float]:
+    """Return the measurements of one conversion on a board; `work` receives deck and log.
+
+    KeyError if the deck has no such parameter, SimulatorError if ngspice did not measure.
+    """
+    text = (ROOT / "spice" / "board" / "column.sp").read_text(encoding="utf-8")
+    text = text.replace(".include ../design.inc", f'.include "{ROOT}/spice/design.inc"')
+    for name, value in {**changes, "r_taxel_ohm": r_taxel_ohm}.items():
+        text, found = re.subn(rf"(?m)^\.param {name} = .*$", f".param {name} = {float(value)!r}", text)
+        if not found:
+            raise KeyError(name)
+    write_atomic(work / "column.sp", text)
+    # Newton's method alone does not find the start of the saturating amplifier.
+    return spice_batch.run(work / "column.sp", level=ladder.Level(start=1)).values
+
+
+def column_error(changes: Changes, points: int, work: Path) -> tuple[float, str]:
+    """Return the largest |code / gain - 510 x| of a board in LSB, and a note.
+
+    The gain is that of the same parts with the first resistance alone. x is the charge balance
+    (docs/charge_balance.md) at the voltage of a row behind row_driver.r_on_ohm, as the host knows it.
+    """
+    design = load_design()
+    ohm = np.geomspace(1.01 * design.sensor.r_min_ohm, design.sensor.r_max_ohm, points)
+    row_s = np.array([1 / ohm, 1 / ohm + changes.get("other_row", 0) / design.sensor.r_min_ohm])
+    v_row = design.interface.v_bias_v / (1 + design.row_driver.r_on_ohm * row_s)
+    alone, line = design.timing.gate_clocks * v_row / design.i0_direct_a / ohm
+    gain = conversion(ohm[0], {**changes, "other_column": 0, "other_row": 0}, work)["packets"] / alone[0]
+    found = (conversion(r, changes, work) for r in ohm)
+    counts = np.array([(round(values["pulses"]), values["packets"]) for values in found]).T
+    error, fine = np.abs(counts / gain - line).max(axis=1)
+    return float(error), f"{fine:.2f} without rounding, gain {gain:.4f}, {points} resistances"
+
+
+@click.command("board", context_settings=SHOW)
+@click.option("--points", type=click.IntRange(2, 256), default=40, help="Number of resistances a board.")
+def board_command(points: int) -> int:
+    """Convert resistances with a column on a board, in ngspice: error after one gain point."""
+    rows = []
+    for kind, boards in (("column_error_lsb", FIT), ("unfit_error_lsb", UNFIT)):
+        for key, changes in ((f"board.{kind}.{name}", changes) for name, changes in boards.items()):
+            try:
+                rows.append(verdict.judge(key, *column_error(changes, points, BUILD / "board")))
+            except SimulatorError as error:
+                rows.append(verdict.error(key, str(error)))
+    code = finish("board", rows, "a column on a board: error after one gain point")
+    return SimulatorError.exit_code if any(row["status"] == "ERROR" for row in rows) else code
