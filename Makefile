@@ -6,6 +6,7 @@
 #   SCENE=name-or-path ENGINE=e OUT=d  for run; the first two for plan and ablate
 #   TECH=sky130|osu035 SIZES=1         for synth; the first for gl as well
 #   ARGS="..."                         further options of the command of a target
+#   BOARD=ulx3s|upduino                for fpga
 #   TESTS=paths JOBS=n LONG=1          for test: paths, number of cores, long tests as well
 TESTS ?= tb
 JOBS  ?= 2
@@ -20,7 +21,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help base demo docs report setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check calibrated campaign hard sweep characterise lint test formal fuzz mutate coverage schematics synth gl liberty board bench \
+.PHONY: help base demo docs report setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check calibrated campaign hard sweep characterise lint test formal fuzz mutate coverage schematics synth gl liberty board fpga bench \
         waves generate gen-check calc clean faults extract equivalence datasheet
 
 help: ## print this list
@@ -93,7 +94,7 @@ bench: setup ## speed and accuracy figures, into build/bench.json
 	@$(dermis) bench $(ARGS)
 
 test: setup ## tests [TESTS=paths] [JOBS=2] [LONG=1: long ones as well, a browser's too] [ARGS="-k word"]
-	@$(if $(LONG),scripts/setup.sh browser)
+	@$(if $(LONG),scripts/setup.sh browser && scripts/setup.sh fpga)
 	@.venv/bin/pytest -n $(JOBS) --dist worksteal $(if $(LONG),-m '') $(ARGS) $(TESTS)
 
 faults: setup ## commands that are killed, interrupted, out of disk, or lack a tool [ARGS="--only kill"]
@@ -133,6 +134,10 @@ liberty: setup ## Liberty timing of the SKY130 cells against ngspice, for a few 
 
 calc: setup ## design calculator: from range, array, frame time and bits to f_clk, i0, k, C
 	@$(dermis) calc $(ARGS)
+
+fpga: setup ## bitstreams for FPGA boards, untried on hardware: size, speed, tests on the netlist [BOARD=ulx3s|upduino]
+	@scripts/setup.sh fpga
+	@$(dermis) fpga $(if $(BOARD),--board '$(BOARD)') $(ARGS)
 
 demo: setup ## one web page with the chip inside, build/demo/demo.html [ARGS=--check: measure it in Chromium]
 	@scripts/setup.sh $(if $(findstring --check,$(ARGS)),browser,demo)

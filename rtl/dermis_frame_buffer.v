@@ -4,7 +4,8 @@
 // Interface: a frame is begin_i, bytes with we_i, and end_i; begin_i and end_i may come with a
 // byte. A change of hold_toggle_i requests the front bank; from hold_ack_o until cs_ni rises,
 // rdata_o and length_o are of that frame.
-// Timing: a grant takes two or three clocks; rdata_o follows raddr_i combinationally.
+// Timing: a grant takes two or three clocks; rdata_o follows raddr_i combinationally, on an FPGA at
+// the next edge of rclk_i.
 // Why a grant wins over a simultaneous release: the late CS belongs to the previous transaction.
 `default_nettype none
 
@@ -22,6 +23,7 @@ module dermis_frame_buffer #(
   input  wire        cs_ni,
   input  wire        hold_toggle_i,
   output wire        hold_ack_o,
+  input  wire        rclk_i,
   input  wire [15:0] raddr_i,
   output wire [7:0]  rdata_o,
   output wire [15:0] length_o
@@ -111,6 +113,7 @@ module dermis_frame_buffer #(
     .we_i    (we_i & ~back),
     .waddr_i (waddr),
     .wdata_i (byte_i),
+    .rclk_i  (rclk_i),
     .raddr_i (raddr_i),
     .rdata_o (rdata0)
   );
@@ -120,6 +123,7 @@ module dermis_frame_buffer #(
     .we_i    (we_i & back),
     .waddr_i (waddr),
     .wdata_i (byte_i),
+    .rclk_i  (rclk_i),
     .raddr_i (raddr_i),
     .rdata_o (rdata1)
   );

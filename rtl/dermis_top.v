@@ -298,6 +298,7 @@ module dermis_top #(
     .cs_ni         (spi_cs_ni),
     .hold_toggle_i (hold_toggle),
     .hold_ack_o    (hold_ack),
+    .rclk_i        (spi_sck_i),
     .raddr_i       (frame_address),
     .rdata_o       (frame_data),
     .length_o      (frame_length)

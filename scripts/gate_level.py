@@ -138,7 +138,7 @@ SMALL = Size(4, 5)
 SMALL_SLOTS = {"GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
 
 
-def _charge_balance(size: Size, gate: int, sck_hz: float) -> TopTest:
+def charge_balance(size: Size, gate: int, sck_hz: float) -> TopTest:
     """Return the test with duties c/510: each must read c with a gate of 510 clocks."""
     last = 2**size.code_bits - 1
     x = [[((37 * (r * size.cols + c)) % (last + 1), 510) for c in range(size.cols)] for r in range(size.rows)]
@@ -147,7 +147,7 @@ def _charge_balance(size: Size, gate: int, sck_hz: float) -> TopTest:
 
 # The tests of the top, as in tb/rtl/top/test_top.py.
 SMALL_TESTS = (
-    _charge_balance(SMALL, 510, 2.5e6),
+    charge_balance(SMALL, 510, 2.5e6),
     TopTest("configuration", {}),
     TopTest("self_test", {}),
     TopTest(
@@ -161,6 +161,25 @@ SMALL_TESTS = (
 )
 
 
+def compare(
+    design: Design, parameters: Mapping[str, int], tests: Sequence[TopTest], limit_s: float = RUN_LIMIT_S
+) -> tuple[list[str], list[str]]:
+    """Run tests of the top on a netlist and on the Verilog; return what failed and what reports differ."""
+    failed: list[str] = []
+    unlike: list[str] = []
+    for test in tests:
+        scenario = {"parameters": dict(parameters), **test.scenario}
+        both = (Design("the Verilog", None, parameters), design)
+        try:
+            wanted, got = (run(side, TOP_BENCH, test.testcase, scenario, limit_s) for side in both)
+        except SimulatorError as error:
+            failed.append(str(error))
+            continue
+        if test.alike and wanted != got:
+            unlike.append(f"{test.testcase}: {one_line(str(got), 100)}, not {one_line(str(wanted), 100)}")
+    return failed, unlike
+
+
 def top_rows(
     netlist: Netlist,
     parameters: Mapping[str, int],
@@ -169,18 +188,7 @@ def top_rows(
     limit_s: float = RUN_LIMIT_S,
 ) -> list[Row]:
     """Judge the tests of the top on the netlist: failures, and reports unlike the Verilog's."""
-    designs = (Design("the Verilog", None, parameters), netlist_design(netlist))
-    failed: list[str] = []
-    unlike: list[str] = []
-    for test in tests:
-        scenario = {"parameters": dict(parameters), **test.scenario}
-        try:
-            wanted, got = (run(design, TOP_BENCH, test.testcase, scenario, limit_s) for design in designs)
-        except SimulatorError as error:
-            failed.append(str(error))
-            continue
-        if test.alike and wanted != got:
-            unlike.append(f"{test.testcase}: {one_line(str(got), 100)}, not {one_line(str(wanted), 100)}")
+    failed, unlike = compare(netlist_design(netlist), parameters, tests, limit_s)
     note = failed[0] if failed else f"{', '.join(test.testcase for test in tests)}"
     return [
         verdict.judge(f"gl.failed_tests.{suffix}", len(failed), one_line(note, 300)),
@@ -205,7 +213,7 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
         header = header_values()
         slots = {name: header[f"DERMIS_{name}"] for name in SMALL_SLOTS}
         # All registers would take Icarus some 100 000 clocks: codes only.
-        tests = [_charge_balance(size, 510, 2.5e6)]
+        tests = [charge_balance(size, 510, 2.5e6)]
         return made + top_rows(netlist, size.parameters | slots, suffix, tests, WHOLE_LIMIT_S)
 
     for work, array in ((small, SMALL), (whole, size)):

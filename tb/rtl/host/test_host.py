@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about the host drivers, in Python and in C: right on the Verilog, over a bad line, and without a chip."""
+
+from __future__ import annotations
+
+import ctypes
+import struct
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rtl_run import changed, simulate
+
+from dermis.chip import spi_protocol as spi
+from dermis.chip.host import Host, Spidev
+from dermis.errors import InputError
+from dermis.scene.design import ROOT
+
+SMALL = {"ROWS": 2, "COLS": 3, "CODE_BITS": 8, "GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
+FRAME_BYTES = spi.frame_bytes(2, 3, 8)
+# The command, a wait byte, the token and two bytes of length come before the frame.
+CRC_BYTE, CODE_BYTE = 5 + FRAME_BYTES - 1, 5 + 9
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> str:
+    target = tmp_path_factory.mktemp("host") / "dermis_host.so"
+    flags = "-std=c99 -pedantic -Wall -Wextra -Wconversion -Werror -shared -fPIC -Irtl".split()
+    subprocess.run(["gcc", *flags, "-o", target, "rtl/host/dermis_host.c"], cwd=ROOT, check=True, timeout=60)
+    return str(target)
+
+
+@pytest.fixture(params=["python", "c"])
+def driver(request: pytest.FixtureRequest) -> dict[str, str]:
+    return {"library": request.getfixturevalue("library") if request.param == "c" else ""}
+
+
+def drive(driver: dict[str, str], trap: Path | None = None, **scenario: Any) -> dict[str, Any]:
+    got = simulate(
+        "icarus",
+        "bench_host",
+        "dermis_top",
+        "drives",
+        SMALL,
+        {"parameters": SMALL} | driver | scenario,
+        trap=trap,
+    )
+    assert got["held"], "chip select rose inside a transaction"
+    assert got["largest"] <= 7
+    return got
+
+
+# What is wrong on the line -> frame commands until the frame is whole.
+LINES: dict[str, tuple[dict[str, list[Any]], int]] = {
+    "nothing": ({}, 3),
+    "a bit of the CRC": ({"3": ["flip", CRC_BYTE]}, 4),
+    "a code, twice": ({"3": ["flip", CODE_BYTE], "4": ["flip", CODE_BYTE]}, 5),
+    "the end of the frame": ({"3": ["cut", CODE_BYTE]}, 4),
+    "the length": ({"3": ["flip", 4]}, 4),
+    "the length, to 0": ({"3": ["cut", 3]}, 4),
+    "the token": ({"3": ["flip", 2]}, 4),
+}
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_a_frame_is_read_again_until_it_is_right(driver: dict[str, str], line: str) -> None:
+    faults, frames = LINES[line]
+    got = drive(driver, settled=2, faults=faults)
+    assert got["test_rate"] == 0x1234
+    assert got["frame"] == got["expected"]
+    assert got["frames"] == frames
+
+
+def name(driver: dict[str, str], in_python: str, in_c: str) -> str:
+    return in_c if driver["library"] else in_python
+
+
+def test_a_line_that_stays_bad_is_an_error(driver: dict[str, str]) -> None:
+    got = drive(driver, faults={str(n): ["flip", CRC_BYTE] for n in range(1, 9)})
+    assert (got["error"], got["frames"]) == (name(driver, "BadFrameCrc", "BAD_CRC"), 3)
+
+
+def test_a_chip_that_sends_too_few_bytes_is_an_error(driver: dict[str, str], tmp_path: Path) -> None:
+    short = (
+        "assign length_o      = front_q ? length1_q : length0_q;",
+        "assign length_o = length1_q - 16'd1;",
+    )
+    got = drive(driver, trap=changed(tmp_path, "dermis_frame_buffer", short))
+    assert got["error"] in ("BadFrameCrc", "BAD_CRC")
+
+
+def test_a_chip_without_clock_ends_in_an_error(driver: dict[str, str]) -> None:
+    assert drive(driver, dead=True)["error"] == name(driver, "NoAnswer", "NO_ANSWER")
+
+
+def test_a_chip_without_frames_ends_in_an_error(driver: dict[str, str]) -> None:
+    got = drive(driver, enable=False, timeout_s=0.05)
+    assert (got["error"], got["frames"]) == (name(driver, "TimedOut", "TIMEOUT"), 0)
+
+
+def test_a_register_that_is_not_there_is_an_error(driver: dict[str, str]) -> None:
+    assert drive(driver, write=0x1F)["error"] == name(driver, "NoSuchRegister", "NO_REGISTER")
+
+
+def test_another_chip_is_an_error(driver: dict[str, str], tmp_path: Path) -> None:
+    other = changed(tmp_path, "dermis_registers", ("16'hDE01", "16'hDE02"))
+    assert drive(driver, trap=other)["error"] == name(driver, "OtherChip", "OTHER_CHIP")
+
+
+def test_the_driver_in_c_does_not_write_past_its_buffer(library: str) -> None:
+    assert drive({"library": library}, room=FRAME_BYTES - 1)["error"] == "BAD_LENGTH"
+
+
+# --- Linux ----------------------------------------------------------------------------------------
+
+
+class Kernel:
+    """ioctl of a spidev port: at most 4096 bytes a message, chip select high after one without cs_change."""
+
+    def __init__(self, frame: bytes) -> None:
+        self.left = b""
+        self.frame = frame
+        self.low, self.falls, self.largest = False, 0, 0
+
+    def __call__(self, _file: int, request: int, fields: bytes) -> int:
+        if request == Spidev.MODE:
+            return 0
+        assert request == Spidev.MESSAGE
+        tx, rx, length, hz, delay, bits, hold = struct.unpack("=QQIIHBB4x", fields)
+        if length > 4096:
+            raise OSError(90, "Message too long")
+        assert (hz, delay, bits) == (5_000_000, 0, 8)
+        self.largest = max(self.largest, length)
+        sent = ctypes.string_at(tx, length)
+        if not self.low:
+            self.falls += 1
+            answer = {
+                spi.OP_READ: spi.read_command(7) + b"\0\2",
+                spi.OP_FRAME: len(self.frame).to_bytes(2, "big") + self.frame,
+            }[sent[0]]
+            if sent[0] == spi.OP_READ:
+                answer = answer[2:] + bytes((spi.crc8(answer),))
+            self.left = bytes(len(sent)) + b"\0\xa5" + answer
+        back, self.left = self.left[:length], self.left[length:]
+        ctypes.memmove(rx, back + bytes(length - len(back)), length)
+        self.low = bool(hold)
+        return length
+
+
+def test_linux_splits_a_long_frame_and_holds_chip_select(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    body = bytes((1, 0, 0, 7, 128, 8, 1, 254)) + b"".join(
+        bytes((row, *range(128), *bytes(16))) for row in range(64)
+    )
+    frame = body + spi.crc16(body).to_bytes(2, "big")
+    assert len(frame) > 2 * 4096
+    kernel = Kernel(frame)
+    monkeypatch.setattr("fcntl.ioctl", kernel)
+    (tmp_path / "port").touch()
+    got = Host(Spidev(str(tmp_path / "port"), 5_000_000)).frame()
+    assert spi.pack_frame(got) == frame
+    assert (kernel.falls, kernel.largest, kernel.low) == (2, 4096, False)
+    # A longer transfer is what the kernel refuses.
+    with pytest.raises(OSError, match="too long"):
+        Host(Spidev(str(tmp_path / "port"), 5_000_000), limit=5000).frame()
+
+
+def test_the_message_is_that_of_the_kernel(tmp_path: Path) -> None:
+    header = Path("/usr/include/linux/spi/spidev.h")
+    if not header.is_file():
+        pytest.skip("no headers of the kernel here")
+    text = """
+    #include <linux/spi/spidev.h>
+    #include <stddef.h>
+    #include <stdio.h>
+    int main(void) {
+      printf("%lu %lu %zu %zu %zu %zu %zu", (unsigned long)SPI_IOC_WR_MODE, (unsigned long)SPI_IOC_MESSAGE(1),
+             sizeof(struct spi_ioc_transfer), offsetof(struct spi_ioc_transfer, len),
+             offsetof(struct spi_ioc_transfer, speed_hz), offsetof(struct spi_ioc_transfer, bits_per_word),
+             offsetof(struct spi_ioc_transfer, cs_change));
+    }"""
+    (tmp_path / "spi.c").write_text(text)
+    subprocess.run(["gcc", "-o", "spi", "spi.c"], cwd=tmp_path, check=True, timeout=60)
+    said = subprocess.run(
+        ["./spi"], cwd=tmp_path, check=True, timeout=60, capture_output=True, text=True
+    ).stdout
+    assert [int(word) for word in said.split()] == [Spidev.MODE, Spidev.MESSAGE, 32, 16, 20, 26, 27]
+
+
+def test_a_port_that_is_not_there_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="an SPI port of this machine"):
+        Spidev(str(tmp_path / "spidev0.0"), 1_000_000)
