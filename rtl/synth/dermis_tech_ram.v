@@ -16,6 +16,7 @@ module dermis_tech_ram #(
   input  wire        we_i,
   input  wire [15:0] waddr_i,
   input  wire [7:0]  wdata_i,
+  input  wire        rclk_i,
   input  wire [15:0] raddr_i,
   output wire [7:0]  rdata_o
 );
@@ -76,6 +77,10 @@ module dermis_tech_ram #(
       end
     end
   endgenerate
+
+  // The read needs no clock: rtl/dermis_tech_ram.v.
+  wire unused_rclk;
+  assign unused_rclk = rclk_i;
 
   assign rdata_o = ({1'b0, raddr_i} < SIZE[16:0]) ? node[15:8] : 8'h00;
 

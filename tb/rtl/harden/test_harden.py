@@ -16,6 +16,7 @@ from dermis.chip import sky130
 from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
 from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design
+from scripts.synth.cells import TECHNOLOGIES, for_cells
 
 pytestmark = pytest.mark.timeout(120)
 HARDEN = ROOT / "rtl" / "harden"
@@ -60,8 +61,9 @@ def test_black_box_has_the_pins_of_the_top_netlist() -> None:
 
 def test_configuration_takes_the_sources_of_the_one_file_list() -> None:
     config = json.loads((HARDEN / "config.json").read_text())
-    pattern = config["VERILOG_FILES"].removeprefix("dir::")
-    assert sorted(p.resolve() for p in HARDEN.glob(pattern)) == sorted(p.resolve() for p in rtl_sources())
+    patterns = [pattern.removeprefix("dir::") for pattern in config["VERILOG_FILES"]]
+    listed = sorted(path.resolve() for pattern in patterns for path in HARDEN.glob(pattern))
+    assert listed == sorted(path.resolve() for path in for_cells(rtl_sources(), TECHNOLOGIES["sky130"]))
     includes = [(HARDEN / d.removeprefix("dir::")).resolve() for d in config["VERILOG_INCLUDE_DIRS"]]
     assert includes == [d.resolve() for d in rtl_include_dirs()]
     for key in ("PNR_SDC_FILE", "SIGNOFF_SDC_FILE", "FALLBACK_SDC", "LINTER_VLT", "IO_PIN_ORDER_CFG"):
