@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +27,12 @@ def run_bench(
     scenario: Mapping[str, Any],
     place: Path,
     limit_s: float = LIMIT_S,
+    run: Callable[..., object] | None = None,
 ) -> Any:
     """Run one cocotb test on a build in a new directory below `place`; return what it reported.
 
-    SimulatorError, and the directory stays, if the test failed, did not run, or timed out.
+    SimulatorError, and the directory stays, if the test failed, did not run, or timed out. `run` as in
+    hdl.run_cocotb.
     """
     (place / "runs").mkdir(parents=True, exist_ok=True)
     # A directory of its own: the same test may run twice at a time in one tree.
@@ -42,7 +44,7 @@ def run_bench(
     fault = ""
     try:
         hdl.run_cocotb(
-            simulator, build, toplevel, bench, work, environment, testcase=testcase, limit_s=limit_s
+            simulator, build, toplevel, bench, work, environment, testcase=testcase, limit_s=limit_s, run=run
         )
     except SimulatorError as error:
         raise SimulatorError(f"{name}: {error.what}", log) from None

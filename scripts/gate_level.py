@@ -6,23 +6,27 @@ from __future__ import annotations
 import re
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
+import dermis
 from dermis.chip import hdl
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.processes import children
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
+from scripts import liberty
 from scripts.cocotb_run import run_bench
 from scripts.judged import finish
 from scripts.liberty import PREFIX, view
 from scripts.lint import header_values
+from scripts.synth import power
 from scripts.synth.cells import TECHNOLOGIES, Technology, osu035
 from scripts.synth.command import attempt, default_size, place, size_options, write_docs
 from scripts.synth.map import TOP, Netlist, Size, map_once
@@ -81,7 +85,12 @@ def netlist_design(netlist: Netlist) -> Design:
 
 
 def run(
-    design: Design, module: str, testcase: str, scenario: Mapping[str, Any], limit_s: float = RUN_LIMIT_S
+    design: Design,
+    module: str,
+    testcase: str,
+    scenario: Mapping[str, Any],
+    limit_s: float = RUN_LIMIT_S,
+    start: Callable[..., object] | None = None,
 ) -> Any:
     """Run one cocotb test on Icarus and return its report; SimulatorError if there is none."""
     # The simulator gets the path of this process.
@@ -89,7 +98,9 @@ def run(
     sys.path += [folder for folder in folders if folder not in sys.path]
     build = hdl.build("icarus", TOP, design.parameters, sources=design.sources, optimise=False, where="gl")
     try:
-        return run_bench("icarus", build, TOP, module, testcase, scenario, ROOT / "build" / "gl", limit_s)
+        return run_bench(
+            "icarus", build, TOP, module, testcase, scenario, ROOT / "build" / "gl", limit_s, start
+        )
     except SimulatorError as error:
         raise SimulatorError(f"{error.what}, {design.name}", error.log) from None
 
@@ -145,11 +156,14 @@ def charge_balance(size: Size, gate: int, sck_hz: float) -> TopTest:
     return TopTest("client", {"x": x, "gate": gate, "sck_hz": sck_hz, "frames": 1})
 
 
+PRESSED = [[(code, 510) for code in (200, 100, 255, 0, 30)]] * SMALL.rows
 # The tests of the top, as in tb/rtl/top/test_top.py.
 SMALL_TESTS = (
     charge_balance(SMALL, 510, 2.5e6),
     TopTest("configuration", {}),
     TopTest("self_test", {}),
+    TopTest("off", {"x": PRESSED}, False),
+    TopTest("cuts", {"x": PRESSED, "seed": 5, "cuts": 24}),
     TopTest(
         "ratios",
         {"ratios": [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0], "repeats": 3, "frames": 2},
@@ -196,6 +210,37 @@ def top_rows(
     ]
 
 
+def power_rows(netlist: Netlist, size: Size, slots: Mapping[str, int], suffix: str) -> list[Row]:
+    """Report the power of the netlist while it measures and sends the frame with the most force of a recording."""
+    frames = dermis.simulate("recorded_touch", engine="closed").codes
+    most = max(frames, key=np.sum)
+    # The recording has 16x16 taxels; a larger array is at rest beyond them.
+    x = [[(0, 510)] * size.cols for _ in range(size.rows)]
+    for (row, col), code in np.ndenumerate(most[: size.rows, : size.cols]):
+        x[row][col] = (int(code), 510)
+    vcd = netlist.directory / "toggles.vcd"
+    cells = cell_models(netlist.technology, netlist.kinds, netlist.directory / "cells.v")
+    design = Design("the netlist", (cells, power.dumping(netlist, vcd)), {})
+    scenario = {"parameters": size.parameters | slots, "x": x, "gate": 510, "sck_hz": 5e6, "frames": 1}
+
+    def with_changes(command: Sequence[str], *rest: Any) -> None:
+        # cocotb forbids Icarus to write any.
+        children.run_logged(["-vcd" if word == "-none" else word for word in command], *rest)
+
+    run(design, TOP_BENCH, "client", scenario, WHOLE_LIMIT_S, with_changes)
+    corner = liberty.CORNERS["tt"]
+    counts, time_ns = power.toggles(vcd)
+
+    def inside(kind: str, pin: str) -> float:
+        return liberty.inside_fj(kind, pin, corner, ROOT / "build" / "liberty" / "tt")
+
+    parts = power.power_uw(netlist, netlist.technology, corner.voltage_v, counts, time_ns, inside)
+    vcd.unlink()
+    said = ", ".join(f"{name} {part:.0f}" for name, part in parts.items())
+    note = f"{said} uW at {corner.name}; reset, settings, a recorded frame and its reading in {time_ns / 1e6:.2f} ms"
+    return [verdict.measured(f"gl.power_uw.{suffix}", sum(parts.values()), "uW", note)]
+
+
 def gate_level(technology: Technology, size: Size) -> list[Row]:
     """Run all tests of the top on a small netlist; compare pins, codes, registers at full size."""
     rows: list[Row] = []
@@ -214,7 +259,8 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
         slots = {name: header[f"DERMIS_{name}"] for name in SMALL_SLOTS}
         # All registers would take Icarus some 100 000 clocks: codes only.
         tests = [charge_balance(size, 510, 2.5e6)]
-        return made + top_rows(netlist, size.parameters | slots, suffix, tests, WHOLE_LIMIT_S)
+        made += top_rows(netlist, size.parameters | slots, suffix, tests, WHOLE_LIMIT_S)
+        return made + (power_rows(netlist, size, slots, suffix) if technology.name == "sky130" else [])
 
     for work, array in ((small, SMALL), (whole, size)):
         start = time.perf_counter()

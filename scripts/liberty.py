@@ -340,6 +340,42 @@ def _pwl(name: str, v_dd: float, edges: Sequence[float], slew: float) -> str:
     return f"v{name} {name} 0 pwl({' '.join(f'{t:.7g}n {level * v_dd:g}' for t, level in points)})"
 
 
+# ---- energy ----
+
+
+@cache
+def inside_fj(kind: str, pin: str, corner: Corner, directory: Path) -> float:
+    """Return the energy that leaves the supply of a cell at a change of its clock or gate, data at rest, in fJ.
+
+    SimulatorError if ngspice failed.
+    """
+    name, periods = kind.removeprefix(PREFIX), 4
+    ports, inside = subcircuit(name)
+    nets = SUPPLIES | {port: "vdd" if port.endswith("_B") else "0" for port in ports if port not in SUPPLIES}
+    nets |= {pin: "clk", "Q": "q"}
+    half, end = corner.window_ns, 2 * (periods + 1) * corner.window_ns
+    directory.mkdir(parents=True, exist_ok=True)
+    (directory / ".spiceinit").write_text("set ngbehavior=hsa\nset num_threads=1\n")
+    (directory / "models.spice").write_text(_models(corner.process))
+    path = directory / f"energy_{name}.cir"
+    deck = [
+        f"{kind} {corner.name}",
+        ".include models.spice",
+        f".temp {corner.temperature_c:g}",
+        ".options noacct trtol=1 chgtol=1e-16",
+        *(f".subckt cell {' '.join(ports)}", *inside, ".ends"),
+        f"vsupply vdd 0 {corner.voltage_v:g}",
+        f"vclk clk 0 pulse(0 {corner.voltage_v:g} {half}n 0.1n 0.1n {half - 0.1:g}n {2 * half}n)",
+        f"xcell {' '.join(nets[port] for port in ports)} cell",
+        f".tran {half / 500:g}n {end:g}n",
+        f".meas tran charge integ i(vsupply) from={2 * half:g}n to={end:g}n",
+        ".end",
+    ]
+    path.write_text("\n".join(deck) + "\n")
+    charge = spice_batch.run(path, TIME_LIMIT_S, START).values["charge"]
+    return -charge * corner.voltage_v * 1e15 / (2 * periods)
+
+
 # ---- metastability ----
 
 COPIES, ROUNDS, NARROWED = 8, 7, 5

@@ -24,8 +24,8 @@ module dermis_tech_ram #(
   localparam         ADDRESS_BITS = (WORDS > 1) ? $clog2(WORDS) : 1;
   localparam         LEAVES       = 1 << ADDRESS_BITS;
   localparam integer SIZE         = WORDS;
-  localparam         GROUP        = 16;
-  localparam         GROUPS       = (WORDS + GROUP - 1) / GROUP;
+  localparam         GROUP_BITS   = 4;
+  localparam         GROUPS       = (WORDS + (1 << GROUP_BITS) - 1) >> GROUP_BITS;
 
   reg                    we_q;
   reg [ADDRESS_BITS-1:0] waddr_q;
@@ -51,18 +51,21 @@ module dermis_tech_ram #(
   generate
     assign node[7:0] = 8'h00;
     for (n = 0; n < GROUPS; n = n + 1) begin : gen_group
-      assign wdata[8*n +: 8] = wdata_q & {8{we_q & (waddr_q / GROUP == n)}};
+      localparam [ADDRESS_BITS-1:0] NUMBER = n;
+
+      assign wdata[8*n +: 8] = wdata_q & {8{we_q & (waddr_q >> GROUP_BITS == NUMBER)}};
     end
     for (n = 0; n < LEAVES; n = n + 1) begin : gen_leaf
       if (n < WORDS) begin : gen_word
-        wire       shut;
+        localparam [ADDRESS_BITS-1:0] NUMBER = n;
+        wire                          shut;
 
-        assign shut = ~(we_q & (waddr_q == n)) | clk_i;
+        assign shut = ~(we_q & (waddr_q == NUMBER)) | clk_i;
         for (b = 0; b < 8; b = b + 1) begin : gen_bit
           dermis_tech_latch u_latch (
             .gate_ni (shut),
             .rst_ni  (1'b1),
-            .d_i     (wdata[8*(n/GROUP)+b]),
+            .d_i     (wdata[8*(n>>GROUP_BITS)+b]),
             .q_o     (node[8*(LEAVES+n)+b])
           );
         end

@@ -630,6 +630,7 @@ async def off(dut: Any) -> None:
         while on() and longest < 1000.0:
             await Timer(100, "ps")
             longest = max(longest, get_sim_time("ns") - begun)
+        assert longest <= 100.0
     report(longest)
 
 

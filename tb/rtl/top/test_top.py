@@ -79,8 +79,8 @@ FORMS = pytest.mark.parametrize("sync_latch", [0, 1], ids=["sync_ff", "sync_latc
 
 @FORMS
 def test_enable_takes_the_analog_side_off_without_a_clock(simulator: str, sync_latch: int) -> None:
-    """Nanoseconds: none in the Verilog, on mapped gates those of a flop, a gate and their load."""
-    assert run(simulator, "off", SMALL | ({"SYNC_LATCH": 1} if sync_latch else {}), x=PRESSED) <= 100.0
+    """In no time in the Verilog; on mapped gates in that of a flop and a gate (`dermis gl`)."""
+    assert run(simulator, "off", SMALL | ({"SYNC_LATCH": 1} if sync_latch else {}), x=PRESSED) == 0.0
 
 
 @FORMS
@@ -244,8 +244,8 @@ UNSAFE = {
 def test_an_unsafe_output_is_seen(fault: str, tmp_path: Path) -> None:
     testcase, right, wrong = UNSAFE[fault]
     trap = changed(tmp_path, "dermis_safe_outputs", (right, wrong))
-    with pytest.raises(AssertionError):
-        assert run("icarus", testcase, trap=trap, x=PRESSED, seed=5, cuts=400) <= 100.0
+    with pytest.raises(AssertionError, match=r"1 failed"):
+        run("icarus", testcase, trap=trap, x=PRESSED, seed=5, cuts=400)
 
 
 @pytest.mark.long
