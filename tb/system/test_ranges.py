@@ -54,7 +54,7 @@ def test_a_chip_with_other_range_pins_is_refused_by_name(
 
 @pytest.mark.long
 @pytest.mark.timeout(300)
-def test_the_mirror_in_transistors_follows_the_range_pins(resistance_plan: MakePlan) -> None:
+def test_the_mirror_in_transistors_has_the_ratio_of_the_scene(resistance_plan: MakePlan) -> None:
     """8 kohm by 20 and 1 kohm by 160 are the same eighth of full scale; with 80 for both they are 8 times apart."""
     ohm = np.array([[8000.0, 1000.0]])
     for interface, expected in (("k_column = [20, 160]", (64, 64)), ("k = 80", (16, 128))):
