@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from dermis.chip import read_out, register_map, spi_protocol
 from dermis.chip.analog import AnalogHalf, Edge
 from dermis.errors import SimulatorError
-from dermis.records import Timing
+from dermis.timing import Timing
 
 START_CLOCKS = 64
 """More than from enable to a frame's first edge, and from there to its first row without the break."""
