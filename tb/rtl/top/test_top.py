@@ -138,9 +138,11 @@ SIZES = {
     "64x64": (64, 64, 8),
     "16x1": (16, 1, 8),
     "16x1x12": (16, 1, 12),
+    "128x128x16": (128, 128, 16),
 }
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     "size", [pytest.param(size, marks=[pytest.mark.long] * (size != "8x8")) for size in SIZES]
 )
