@@ -26,6 +26,7 @@ import numpy as np
 
 from dermis import effects, engines
 from dermis.array import array
+from dermis.chip import hdl
 from dermis.engines import cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.places import ROOT
@@ -36,7 +37,7 @@ from dermis.report.output import machine_line
 from dermis.report.verdict import Row
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench import peers
-from tb.programs.bench.circuit import Circuit, Job, Run
+from tb.programs.bench.circuit import Circuit, Job, LoopJob, Run
 from tb.programs.bench.measure import busy_row, one_core, random_plan
 
 STEPS = {"step_10n": 10e-9, "step_100n": 100e-9, "step_1u": 1e-6}
@@ -124,6 +125,35 @@ def speed_rows(m: Measurements) -> Iterator[Row]:
     yield verdict.median("peer.xspice.clocks_per_s", rates["xspice"], "1/s", note)
     pairs = [ours / theirs for ours, theirs in zip(rates[ICARUS], rates["xspice"], strict=True)]
     yield verdict.median("cosim.speed_ratio.xspice", pairs, "1", "Icarus over XSPICE in pairs, step 1 us")
+
+
+def loop_rows(m: Measurements) -> Iterator[Row]:
+    """Measure what Verilog and loop add to ngspice alone, in processor time of one process after the
+    other.
+    """
+    made = random_plan(m.work, 1, "cosim")
+    frame = circuits.LoopJob(made.timing, made.cols, circuits.frame_deck, (made,))
+    converter = circuits.LoopJob(LONG_CIRCUIT.timing, 1, circuits.converter_deck, (LONG_CIRCUIT,), True)
+    builds = {frame: hdl.reader_parameters(made, False), converter: LONG_CIRCUIT.parameters}
+    found: dict[tuple[LoopJob, str], list[float]] = {}
+    for _ in range(m.repeat):
+        for job, parameters in builds.items():
+            for simulator in (ICARUS, VERILATOR):
+                where = m.place()
+                where.mkdir()
+                build = hdl.build(simulator, "dermis_top", parameters)
+                cpu_s, alone_s = circuits.in_simulator(
+                    circuits.loop_cpu_s, job, simulator, build, "dermis_top", where, RUN_LIMIT_S
+                )
+                found.setdefault((job, simulator), []).append(cpu_s / alone_s)
+    for simulator in (ICARUS, VERILATOR):
+        note = f"one frame of {made.rows}x{made.cols}, from its first time point to its last"
+        yield verdict.median(f"cosim.loop_over_ngspice.{simulator}", found[frame, simulator], "1", note)
+    for simulator in (ICARUS, VERILATOR):
+        shares = [1.0 / ratio for ratio in found[converter, simulator]]
+        yield verdict.median(
+            f"cosim.ngspice_share.{simulator}", shares, "1", "one VFC, clocks/s over ngspice alone"
+        )
 
 
 def guest_rows(peer: str, m: Measurements) -> Iterator[Row]:
@@ -347,6 +377,7 @@ SECTIONS = (
     Section(accuracy_rows, ("cosim.edge_error_v", "cosim.count_error")),
     Section(functools.partial(peer_rows, "xspice"), ("peer.xspice.edge_error_v", "peer.xspice.count_error")),
     Section(speed_rows, ("cosim.clocks_per_s", "peer.xspice.clocks_per_s", "cosim.speed_ratio.xspice")),
+    Section(loop_rows, ("cosim.loop_over_ngspice", "cosim.ngspice_share")),
     *(Section(functools.partial(guest_rows, peer), (f"peer.{peer}",)) for peer in peers.GUESTS),
     Section(frame_rows, ("cosim.frame_s", "cosim.frame_code_error_lsb")),
     Section(closed_rows, ("closed.frames_per_s",), True),
