@@ -78,9 +78,13 @@ def test_both_loops_are_equal_to_the_bit(resistance_plan: MakePlan, tmp_path: Pa
 
 # Text of clock_loop.c, a fault in its place, and the quantity that shows it.
 FAULTS = {
-    "delay": ("= now + net->delay;", "= now;", "codes|samples|pins"),
-    "column": ("lp.sample[i] > 0.0", "lp.sample[lp.width - 1 - i] > 0.0", "codes|samples|pins"),
-    "early": ("lp.settle = settle != 0", "lp.settle = false", "codes|samples|pins|Error"),
+    "delay": ("(double)(net->tick - lp.event_tick)", "0.0", "codes|samples|pins"),
+    "bit": (
+        "            put(out->handle, ",
+        "            out->bits[0] >>= 1, put(out->handle, ",
+        "codes|samples|pins",
+    ),
+    "early": ("lp.settle = (tick_t)settle", "lp.settle = (tick_t)settle / 2", "Error"),
 }
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from dermis.chip import read_out, register_map, spi_protocol
 from dermis.chip.analog import AnalogHalf
-from dermis.chip.clock_loop import ClockLoop, Net
+from dermis.chip.clock_loop import ClockLoop, Net, Output, Timebase
 from dermis.errors import SimulatorError
 from dermis.records import Timing
 
@@ -195,13 +195,12 @@ class Bridge:
     def _loop(self) -> ClockLoop:
         """Return the clock loop on the pins; sources of a deck are rows, preset, charge switches."""
         dut, rows = self._dut, self._timing.rows
-        delay_s = self.charge_delay_clocks / self._timing.f_clk_hz
         nets = (
             Net(dut.row_select_o._path, 0, copy=dut.row_sense_i._path),
             Net(dut.preset_o._path, rows),
-            Net(dut.charge_o._path, rows + 1, delay_s),
+            Net(dut.charge_o._path, rows + 1),
         )
-        return ClockLoop(dut.clk_i._path, dut.comp_async_i._path, nets, settle=self._sync_latch)
+        return ClockLoop(nets, [Output(dut.comp_async_i._path, 0, (0.0,) * self._cols)])
 
     async def _first_row(self, frame: int) -> tuple[int, int, int]:
         """Wait until the first row is driven; return rows, preset and charge switches there."""
@@ -254,7 +253,12 @@ class Bridge:
         clocks = slots * timing.slot_clocks - timing.break_clocks
         if trace:
             self.trace.begins.append(len(self.trace.row_select))
-        loop.arm(half, 1.0 / timing.f_clk_hz, clocks, samples=self._samples, trace=trace)
+        per_ps = round(1e-12 / loop.unit_s)
+        # Nets move at rising edges, and with the latch at falling ones; this is a falling edge.
+        settle = (self._half_ps + int(self._sync_latch)) * per_ps
+        period = 2 * self._half_ps * per_ps
+        time = Timebase(settle, 1.0 / timing.f_clk_hz, period, settle, ((period, period),))
+        loop.arm(half, time, clocks=clocks, samples=self._samples, trace=trace)
         await Timer(2, unit="ps")  # from here on after the loop's look at a clock
         for slot in range(slots):
             wait = timing.slot_clocks - (0 if slot else timing.break_clocks)
@@ -265,7 +269,7 @@ class Bridge:
         if trace:
             self._keep(loop.trace((timing.rows, 1, self._cols, self._cols)))
         if self._samples:
-            self.samples.append(loop.samples())
+            self.samples.append(loop.samples()[1])
         if self._pins()[0] or not _known(self._dut.frame_start_o, "frame_start_o"):
             raise SimulatorError(f"frame {frame} does not end {clocks} clocks after its first row")
 

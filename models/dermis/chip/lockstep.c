@@ -164,7 +164,7 @@ static int on_source(double *value, double t, char *name, int id, void *user)
         snprintf(ls.trouble, TEXT_BYTES, "source %.60s is %g at %g s", name, *value, t);
         ls.state = FAILED;
     }
-    if (ls.poisoned)
+    if (ls.poisoned || ls.state == FAILED) /* it would go on to its end alone */
         *value = NAN;
     ls.loads++;
     return 0;
@@ -351,10 +351,10 @@ static int fail(const char *what)
     return -1;
 }
 
-/* `start`: a command to ngspice behind the deck, which says how it looks for the operating point. t_edge_current: how long edges
-   of sources last that are not abrupt. */
+/* `start`: a command to ngspice behind the deck, which says how it looks for the operating point. t_edges: how long edges
+   of each source last. */
 int lockstep_open(const char *log_path, const char **deck, int n_lines, const char *start, int n_source, const char **source_names,
-                  const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, double t_edge_current,
+                  const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, const double *t_edges,
                   double t_max_step, double t_stop, double growth, int recording, int use_ic, int multistep)
 {
     static bool initialised;
@@ -376,7 +376,7 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
         ls.source[i].from = ls.source[i].to = levels[i];
         ls.source[i].t = -HUGE_VAL;
         ls.source[i].abrupt = abrupt[i] != 0;
-        ls.source[i].t_edge = abrupt[i] ? t_edge : t_edge_current;
+        ls.source[i].t_edge = t_edges[i];
     }
     ls.n_probe = n_probe;
     for (int i = 0; i < n_probe; i++) {
@@ -595,4 +595,13 @@ void lockstep_close(void)
         swapcontext(&ls.caller, &ls.runner);
     } else if (ls.state == RUNNING)
         fail("the transient was given up");
+}
+
+/* Give a transient up before its end, so that the process can have another circuit. */
+void lockstep_abandon(void)
+{
+    if (ls.state == RUNNING)
+        give_up("the transient was ended");
+    else if (ls.state == READY || ls.state == ENDED)
+        ls.state = ABORTED;
 }

@@ -52,6 +52,7 @@ class Deck:
     step_growth : nor than this share of the time since an edge began or ended; a tenth of an edge is always allowed. 0
         for no such limit.
     late_s : time by which each probe is sampled earlier; empty for 0.
+    edges_s : how long the edges of each source last, whatever the caller asks for; empty for no such wish.
     """
 
     lines: tuple[str, ...]
@@ -63,6 +64,7 @@ class Deck:
     longest_edge_s: float = math.inf
     step_growth: float = 0.0
     late_s: tuple[float, ...] = ()
+    edges_s: tuple[float, ...] = ()
 
 
 def library() -> Path:
@@ -95,7 +97,16 @@ def _load() -> ctypes.CDLL:
     texts = ctypes.POINTER(text)
     lib.lockstep_open.argtypes = [text, texts, whole, text, whole, texts, ctypes.POINTER(number)]
     lib.lockstep_open.argtypes += [ctypes.POINTER(whole), whole, texts]
-    lib.lockstep_open.argtypes += [number, number, number, number, number, whole, whole, whole]
+    lib.lockstep_open.argtypes += [
+        number,
+        ctypes.POINTER(number),
+        number,
+        number,
+        number,
+        whole,
+        whole,
+        whole,
+    ]
     lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 4]
     lib.lockstep_late.argtypes = [ctypes.c_void_p]
     lib.lockstep_error.restype = text
@@ -179,6 +190,8 @@ class NgspiceHalf:
         gear = any("method=gear" in "".join(line.lower().split()) for line in lines)
         step_s = min(t_max_step_s, deck.longest_step_s)
         self._late_s = late_s
+        shortest_s = min(t_edge_s, deck.longest_edge_s)
+        edges_s = deck.edges_s or [t_edge_s if abrupt else shortest_s for abrupt in deck.abrupt]
 
         def load(extra: Sequence[str], how: ladder.Rung) -> None:
             text = [*lines, *extra, ".end"]
@@ -194,7 +207,7 @@ class NgspiceHalf:
                 len(deck.probes),
                 _texts(deck.probes),
                 t_edge_s,
-                min(t_edge_s, deck.longest_edge_s),
+                (ctypes.c_double * len(edges_s))(*edges_s),
                 step_s,
                 t_stop_s,
                 deck.step_growth,
@@ -292,3 +305,7 @@ class NgspiceHalf:
     def close(self) -> None:
         """Release the circuit after the end of its transient, for another one."""
         _lib.lockstep_close()
+
+    def abandon(self) -> None:
+        """Release the circuit before the end of its transient, for another one."""
+        _lib.lockstep_abandon()

@@ -11,12 +11,14 @@ import functools
 import itertools
 import math
 import os
+import re
 import shutil
 import statistics
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -50,6 +52,7 @@ CIRCUIT = Circuit()
 LONG_CIRCUIT = replace(CIRCUIT, gate_clocks=8000)
 """For speeds: some 0.2 s."""
 ICARUS, VERILATOR = "icarus", "verilator"
+EXAMPLES = ("sigma_delta", "sar", "oscillator")
 
 SAMPLE_S = 0.25
 """Shortest sample of speed; a shorter one measures the resolution of the timer."""
@@ -154,6 +157,25 @@ def loop_rows(m: Measurements) -> Iterator[Row]:
         yield verdict.median(
             f"cosim.ngspice_share.{simulator}", shares, "1", "one VFC, clocks/s over ngspice alone"
         )
+
+
+def example_rows(m: Measurements) -> Iterator[Row]:
+    """Measure the examples of docs/lockstep.md against their closed forms; the worse of both simulators."""
+    for name in EXAMPLES:
+        folder, errors, said = ROOT / "docs" / "examples" / name, [], ""
+        for simulator in (ICARUS, VERILATOR):
+            build = hdl.build(simulator, name, {}, sources=[folder / f"{name}.v"], where="lockstep")
+            where = m.place()
+            shutil.copytree(folder, where)
+            path = {"PYTHONPATH": os.pathsep.join([str(where), *sys.path])}
+            with suppress(SystemExit):  # of cocotb's runner; without a result there is no error in the log
+                hdl.run_cocotb(simulator, build, name, f"test_{name}", where, path, limit_s=RUN_LIMIT_S)
+            found = re.search(r"error = (\S+) \S+ (.*)", (where / "hdl.log").read_text())
+            if found is None:
+                raise SimulatorError(f"example {name} gave no result in {simulator}", where)
+            errors.append(float(found[1]))
+            said = found[2]
+        yield verdict.judge(f"lockstep.examples.{name}", max(errors), said)
 
 
 def guest_rows(peer: str, m: Measurements) -> Iterator[Row]:
@@ -378,6 +400,7 @@ SECTIONS = (
     Section(functools.partial(peer_rows, "xspice"), ("peer.xspice.edge_error_v", "peer.xspice.count_error")),
     Section(speed_rows, ("cosim.clocks_per_s", "peer.xspice.clocks_per_s", "cosim.speed_ratio.xspice")),
     Section(loop_rows, ("cosim.loop_over_ngspice", "cosim.ngspice_share")),
+    Section(example_rows, ("lockstep.examples",)),
     *(Section(functools.partial(guest_rows, peer), (f"peer.{peer}",)) for peer in peers.GUESTS),
     Section(frame_rows, ("cosim.frame_s", "cosim.frame_code_error_lsb")),
     Section(closed_rows, ("closed.frames_per_s",), True),
