@@ -70,13 +70,14 @@ def test_an_example_sees_a_fault(fault: str, tmp_path: Path, monkeypatch: pytest
 
 VERILOG = """`timescale 1ns / 1ps
 module own (input clk, input clk_b, input rst_n, input comp, input comp_b, output reg dac, output reg [3:0] code,
-            output reg other, output reg late);
+            output reg other, output reg late, output reg caught);
   real level;
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin dac <= 0; code <= 0; level <= 0.0; end
     else begin dac <= comp; code <= code + 4'd1; level <= 0.125 * code; end
   always @(posedge clk_b or negedge rst_n) if (!rst_n) other <= 0; else other <= ~other;
-  initial late = 0;
+  initial {late, caught} = 0;
+  always @(posedge comp_b) caught <= ~caught;
   always @(posedge clk) late <= #3 ~late;
 endmodule
 """
@@ -146,6 +147,27 @@ TESTS = {
         v = level + (v - level) * math.exp(-(sim.times[n + 1] - sim.times[n] - 4e-9) / 1e-6)
         worst, before = max(worst, abs(v - sim.samples["x"][n + 1])), level
     assert worst < 1e-5, worst  # of ngspice; 3 ns are 1e-3
+""",
+    "a_crossing_between_clocks_is_answered_when_it_happens": """
+    inputs = {"dut.dac": Drive("vd_a"), "dut.caught": Drive("vd_b")}
+    outputs = {"dut.comp": Compare("d_a", above=0.5), "dut.comp_b": Compare("x", above=0.4, crossing=True)}
+    tick = "vtick tick 0 pulse(0 1 2.3u 1n 1n 4u 8u)" + chr(10) + "r3 d_a 0 1k" + chr(10) + "r1 tick x"
+    rc = RC.replace("r1 d_a x", tick)
+    options = dict(clock="dut.clk", period_s=1e-6, reset="dut.rst_n", step_s=2e-9, probes=["y"], log="own.log")
+    sim = Cosim(rc, inputs, outputs, **options)
+    assert await said(dut, sim, 30) == ""
+    x, y, t = sim.samples["x"], sim.samples["y"], sim.times
+    (at,) = np.nonzero(np.abs(x - 0.4) < 1e-9)
+    assert len(at) == 7 and sim.overshoot_v < 2e-12, at
+    # the first rise begins at 2.3 us from 0 V with a ramp of 1 ns: x - 0.4 = 0 after this time
+    end = 1.0 - 1e3 * (1.0 - math.exp(-1e-3))
+    exact = 2.301e-6 + 1e-6 * math.log((1.0 - end) / 0.6)
+    assert abs(t[at[0]] - exact) < 1e-12, t[at[0]] - exact
+    assert (t[at[0]] * 1e12) % 1.0 > 1e-3, "between two units of time of the Verilog"
+    # y follows from then on: tau is 10 ns, and the next clock is a third of a microsecond later
+    held = np.exp(-(t[at[0] + 1] - t[at[0]]) / 1e-8)
+    assert abs(y[at[0]]) < 1e-9 and abs(y[at[0] + 1] - 1.0) < 1e-5 + 2.0 * held
+    assert int(dut.caught.value) == 0 and len(at[::2]) == 4  # four rises
 """,
     "wrong_names_and_widths_are_one_line": """
     for options, words in (
