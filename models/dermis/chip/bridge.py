@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lock-step loop: carries every edge of dermis_top to an analog half and every comparator back,
-clock by clock.
+"""Runs dermis_top with an analog half: reset, scan and host around the clock loop.
 
 Time is counted in clock edges on the digital side and in seconds on the analog side; edge n of a
 frame is at n / f_clk exactly, however the HDL simulator rounds its own period. Edge 0 of a
@@ -18,12 +17,12 @@ from typing import Any
 import cocotb
 import numpy as np
 from cocotb.clock import Clock
-from cocotb.handle import Immediate
 from cocotb.triggers import FallingEdge, RisingEdge, SimTimeoutError, Timer, with_timeout
 from numpy.typing import NDArray
 
 from dermis.chip import read_out, register_map, spi_protocol
-from dermis.chip.analog import AnalogHalf, Edge
+from dermis.chip.analog import AnalogHalf
+from dermis.chip.clock_loop import ClockLoop, Net, Output, Timebase
 from dermis.errors import SimulatorError
 from dermis.timing import Timing
 
@@ -69,21 +68,6 @@ def analog_s(timing: Timing, rows: int | None = None) -> float:
     return (slots * timing.slot_clocks - timing.break_clocks) / timing.f_clk_hz
 
 
-def _bits(samples: NDArray[np.float64]) -> int:
-    return int.from_bytes(np.packbits(samples > 0.0, bitorder="little").tobytes(), "little")
-
-
-def _changed(old: int, new: int) -> list[tuple[int, float]]:
-    """Index and new level of every bit that differs."""
-    found = []
-    different = old ^ new
-    while different:
-        index = (different & -different).bit_length() - 1
-        different &= different - 1
-        found.append((index, float(new >> index & 1)))
-    return found
-
-
 def _known(handle: Any, what: str) -> int:
     try:
         return int(handle.value)  # asking is_resolvable first costs 7 us for sixteen bits
@@ -123,6 +107,7 @@ class Bridge:
     rows : adjacent rows that the chip scans, written to its ROW_MASK before it is enabled; all by default
     ranges : range of each column, written to RANGE or RANGE_COLUMN before it is enabled; as reset by default
     trace : keep what crossed, clock by clock
+    samples : number of samples of the analog half that are kept each clock, in `samples`
     progress : called with the number of slots done
     """
 
@@ -136,6 +121,7 @@ class Bridge:
         ranges: Sequence[int] = (),
         sync_latch: bool = False,
         trace: bool = False,
+        samples: int = 0,
         progress: Callable[[int], None] = lambda slots: None,
     ) -> None:
         self._dut = dut
@@ -146,7 +132,8 @@ class Bridge:
         self._sync_latch = sync_latch
         self._progress = progress
         self._slots = 0
-        self._moved = True
+        self._samples = samples
+        self.samples: list[NDArray[np.float64]] = []
         self.trace = Trace() if trace else None
         self.charge_delay_clocks = 0.5 if sync_latch else 0.0  # the latch opens with the falling edge
         self._half_ps = max(1, round(0.5e12 / timing.f_clk_hz))
@@ -179,18 +166,19 @@ class Bridge:
             await FallingEdge(dut.clk_i)
         dut.enable_i.value = 1
         host = cocotb.start_soon(self._host.read(frames))
-        watchers = [cocotb.start_soon(self._watch(handle)) for handle in (dut.row_select_o, dut.preset_o)]
         try:
             for _ in range(START_CLOCKS):
                 await self._next_clock()
                 if _known(dut.frame_start_o, "frame_start_o"):
                     break
+            loop = self._loop()
             for frame in range(frames):
                 pins = await self._first_row(frame)
                 half = make_half(frame, self._levels(*pins))
                 try:
-                    await self._frame(frame, half, *pins)
+                    await self._frame(frame, loop, half)
                 finally:
+                    loop.stop()
                     half.close()
                 if frame:
                     self._host.require(frame)
@@ -201,15 +189,18 @@ class Bridge:
                 self._host.require(frames)
             return self._host.codes(frames)
         finally:  # another bridge may start from reset after an abort of the analog half
-            for task in (host, *watchers):
-                task.cancel()
+            host.cancel()
             clock.stop()
 
-    async def _watch(self, handle: Any) -> None:
-        """Record a change of two nets that are constant for hundreds of clocks."""
-        while True:
-            await handle.value_change
-            self._moved = True
+    def _loop(self) -> ClockLoop:
+        """Return the clock loop on the pins; sources of a deck are rows, preset, charge switches."""
+        dut, rows = self._dut, self._timing.rows
+        nets = (
+            Net(dut.row_select_o._path, 0, copy=dut.row_sense_i._path),
+            Net(dut.preset_o._path, rows),
+            Net(dut.charge_o._path, rows + 1),
+        )
+        return ClockLoop(nets, [Output(dut.comp_async_i._path, 0, (0.0,) * self._cols)])
 
     async def _first_row(self, frame: int) -> tuple[int, int, int]:
         """Wait until the first row is driven; return rows, preset and charge switches there."""
@@ -230,12 +221,16 @@ class Bridge:
         return row, preset, _known(dut.charge_o, "charge_o")
 
     def _record(self) -> None:
-        """Keep a clock, from the first frame on; between two frames no analog half sees it."""
-        if (trace := self.trace) is not None and trace.begins:
-            kept = trace.row_select, trace.preset, trace.charge, trace.comparator
-            values = *self._pins(), _known(self._dut.comp_async_i, "comp_async_i")
-            for net, value in zip(kept, values, strict=True):
-                net.append(value)
+        """Keep a clock between two frames, which no analog half sees."""
+        if self.trace is not None and self.trace.begins:
+            self._keep([[bits] for bits in (*self._pins(), _known(self._dut.comp_async_i, "comp_async_i"))])
+
+    def _keep(self, nets: list[list[int]]) -> None:
+        trace = self.trace
+        for net, more in zip(
+            (trace.row_select, trace.preset, trace.charge, trace.comparator), nets, strict=True
+        ):
+            net += more
 
     async def _next_clock(self) -> None:
         await self._edge
@@ -251,44 +246,32 @@ class Bridge:
         rows = [float(row >> r & 1) for r in range(self._timing.rows)]
         return [*rows, float(preset), *(float(charge >> c & 1) for c in range(self._cols))]
 
-    async def _frame(self, frame: int, half: AnalogHalf, row: int, preset: int, charge: int) -> None:
+    async def _frame(self, frame: int, loop: ClockLoop, half: AnalogHalf) -> None:
         """Run one frame, from the edge of its first row (already passed) to that of the next."""
-        dut, timing = self._dut, self._timing
-        rows, cols, charge_pin = timing.rows, self._cols, dut.charge_o
-        t_clk = 1.0 / timing.f_clk_hz
-        charge_delay = self.charge_delay_clocks * t_clk
-        edges: list[Edge] = []
-        sent = -1
-        if self.trace is not None:
+        timing, trace = self._timing, self.trace is not None
+        slots = len(self._rows)
+        clocks = slots * timing.slot_clocks - timing.break_clocks
+        if trace:
             self.trace.begins.append(len(self.trace.row_select))
-        half.advance(0.0, [])
-        for clock in range(1, len(self._rows) * (timing.slot_clocks + START_CLOCKS)):
-            now = clock * t_clk
-            bits = _bits(half.advance(now, edges)[:cols])
-            if bits != sent:
-                dut.comp_async_i.set(Immediate(bits))
-                sent = bits
-            await self._next_clock()
-            new_charge = _known(charge_pin, "charge_o")
-            new_preset, new_row = preset, row
-            if self._moved:
-                self._moved = False
-                new_preset = _known(dut.preset_o, "preset_o")
-                new_row = _known(dut.row_select_o, "row_select_o")
-            self._record()
-            edges = [(now + charge_delay, rows + 1 + c, level) for c, level in _changed(charge, new_charge)]
-            if new_preset != preset:
-                edges.append((now, rows, float(new_preset)))
-            if new_row != row:
-                edges += [(now, r, level) for r, level in _changed(row, new_row)]
-                dut.row_sense_i.value = new_row
-                if not new_row:
-                    self._slots += 1
-                    self._progress(self._slots)
-                    if _known(dut.frame_start_o, "frame_start_o"):
-                        return
-            charge, preset, row = new_charge, new_preset, new_row
-        raise SimulatorError(f"frame {frame} does not end {clock} clocks after its first row")
+        per_ps = round(1e-12 / loop.unit_s)
+        # Nets move at rising edges, and with the latch at falling ones; this is a falling edge.
+        settle = (self._half_ps + int(self._sync_latch)) * per_ps
+        period = 2 * self._half_ps * per_ps
+        time = Timebase(settle, 1.0 / timing.f_clk_hz, period, settle, ((period, period),))
+        loop.arm(half, time, clocks=clocks, samples=self._samples, trace=trace)
+        await Timer(2, unit="ps")  # from here on after the loop's look at a clock
+        for slot in range(slots):
+            wait = timing.slot_clocks - (0 if slot else timing.break_clocks)
+            await Timer(2 * self._half_ps * wait, unit="ps")
+            loop.require()
+            self._slots += 1
+            self._progress(self._slots)
+        if trace:
+            self._keep(loop.trace((timing.rows, 1, self._cols, self._cols)))
+        if self._samples:
+            self.samples.append(loop.samples()[1])
+        if self._pins()[0] or not _known(self._dut.frame_start_o, "frame_start_o"):
+            raise SimulatorError(f"frame {frame} does not end {clocks} clocks after its first row")
 
 
 class _Host:

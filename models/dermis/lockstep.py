@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Any Verilog with any SPICE in lock-step: digital edges at their exact times, inside a cocotb test.
+
+The page docs/lockstep.md shows three examples and lists the restrictions. This module knows nothing
+of this project's chip, which is built on the same loop (dermis.chip.clock_loop).
+"""
+
+from __future__ import annotations
+
+import math
+from asyncio import CancelledError
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.chip.clock_loop import ClockLoop, Net, Output, Timebase
+from dermis.chip.ngspice import Deck, NgspiceHalf
+from dermis.errors import InputError
+
+RESET_CLOCKS = 3
+IDLE_STEPS = 100
+"""Without a clock, the HDL is met after so many of the largest steps without a crossing."""
+END_S = 1e3
+"""End of the transient: no run is as long."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Sources that a net of the Verilog drives.
+
+    Attributes
+    ----------
+    source : `external` voltage source of the netlist; one for each bit of a vector, bit 0 first, or one for the number
+        on a vector (unsigned) or on a real net
+    low, high : its level in volt for 0 and for 1; other numbers are on the straight line through both
+    edge_s : duration of its ramp, in seconds
+    abrupt : it switches a conductance, so that ngspice begins anew at each corner of the ramp
+    """
+
+    source: str | Sequence[str]
+    low: float = 0.0
+    high: float = 1.0
+    edge_s: float = 1e-9
+    abrupt: bool = False
+
+
+@dataclass(frozen=True)
+class Compare:
+    """One bit of a net of the Verilog: 1 while a node is above a threshold.
+
+    Attributes
+    ----------
+    node : of the netlist
+    above : threshold in volt
+    crossing : the Verilog sees a crossing when it happens; otherwise, if there is a clock, at its next edge
+    """
+
+    node: str
+    above: float = 0.0
+    crossing: bool = False
+
+
+@dataclass(frozen=True)
+class Reset:
+    """A net that has the value `active` for the first `RESET_CLOCKS` clocks, before the circuit starts."""
+
+    net: str
+    active: int = 0
+
+
+class Cosim:
+    """A circuit that runs with the Verilog of a cocotb test.
+
+    Parameters
+    ----------
+    netlist : file, or text of more than one line; the first line is the title
+    inputs : nets of the Verilog, "dut.NAME", that drive the circuit
+    outputs : nets of the Verilog that it drives, a Compare for each bit, bit 0 first
+    clock : net of the clock, or period in seconds of each clock by its net; the room drives it, low first, and nets
+        change at rising edges. None for a circuit without a clock, whose comparators are then all crossings.
+    period_s : period of the one clock
+    reset : net that is low before the circuit starts, or Reset
+    probes : nodes that are in `samples` as well
+    step_s : largest step of ngspice; the shortest period by default
+    settle_s : nets that change up to so long after a clock edge or crossing (a delay in the Verilog) are exact as well
+    log : file for the messages of ngspice
+
+    Attributes
+    ----------
+    times : seconds from the start of the circuit of all events, ascending, [events]
+    samples : by node, voltage at these times, [events]
+    overshoot_v : largest distance by which a crossing was passed
+
+    Raises
+    ------
+    InputError
+        A value or a combination that is not possible.
+    """
+
+    def __init__(
+        self,
+        netlist: str | Path,
+        inputs: Mapping[str, Drive],
+        outputs: Mapping[str, Compare | Sequence[Compare]],
+        *,
+        clock: str | Mapping[str, float] | None = None,
+        period_s: float | None = None,
+        reset: str | Reset | None = None,
+        probes: Sequence[str] = (),
+        step_s: float | None = None,
+        settle_s: float = 0.0,
+        log: str | Path = "ngspice.log",
+    ) -> None:
+        text = str(netlist)
+        self._file = "netlist" if "\n" in text else text
+        if "\n" not in text:
+            try:
+                text = Path(text).read_text()
+            except OSError as error:
+                raise self._wrong("netlist", text, f"a file, or text: {error.strerror}") from None
+        self._lines = [line for line in text.splitlines() if line.strip().lower() != ".end"]
+        if isinstance(clock, str):
+            if period_s is None:
+                raise self._wrong("period_s", None, f"the period of {clock} in seconds")
+            clock = {clock: period_s}
+        self._clocks = dict(clock or {})
+        shortest = min(self._clocks.values(), default=math.inf)
+        self._step_s = shortest if step_s is None else step_s
+        if not 0.0 < self._step_s < math.inf or shortest <= 0.0:
+            raise self._wrong("step_s, period_s", (step_s, period_s), "times above 0; without a clock step_s")
+        self._inputs = dict(inputs)
+        self._outputs = {net: (c,) if isinstance(c, Compare) else tuple(c) for net, c in outputs.items()}
+        for net, drive in inputs.items():
+            if not 0.0 < drive.edge_s < shortest:
+                raise self._wrong(f"{net}: edge_s", drive.edge_s, "above 0 and below the period")
+        for net, bits in self._outputs.items():
+            if len({bit.crossing for bit in bits}) != 1:
+                raise self._wrong(net, bits, "bits that all, or none of them, are crossings")
+        self._reset = Reset(reset) if isinstance(reset, str) else reset
+        self._nodes = [c.node for bits in self._outputs.values() for c in bits] + list(probes)
+        self._settle_s, self._log = settle_s, Path(log)
+        self.times: NDArray[np.float64] = np.zeros(0)
+        self.samples: dict[str, NDArray[np.float64]] = {}
+        self.overshoot_v = 0.0
+
+    def _wrong(self, key: str, value: object, allowed: str) -> InputError:
+        return InputError(self._file, key, value, allowed)
+
+    @asynccontextmanager
+    async def running(self, dut: Any) -> AsyncIterator[Cosim]:
+        """Reset the Verilog, start the circuit, and run both for as long as the block takes.
+
+        A fault ends the test at once, at the latest at the end of the block.
+
+        Raises
+        ------
+        InputError
+            A net that the Verilog does not have, or of a width that does not fit.
+        SimulatorError
+            ngspice failed, a net is X or Z, or it changed at a time that is not exact; the message names it.
+        """
+        import cocotb
+        from cocotb.clock import Clock
+        from cocotb.triggers import Timer
+
+        handles = {net: self._handle(dut, net) for net in (*self._inputs, *self._outputs, *self._clocks)}
+        nets, sources = self._nets(handles)
+        loop = ClockLoop(nets, self._output_nets(handles))
+        unit = loop.unit_s
+        periods = {net: 2 * round(0.5 * period / unit) for net, period in self._clocks.items()}
+        for net, units in periods.items():
+            exact = self._clocks[net] / unit
+            # 1e-9 is rounding of decimals; a difference would shift the clocks against each other
+            if not units or (len(periods) > 1 and abs(units - exact) > 1e-9 * exact):
+                allowed = f"an even multiple of the simulator's unit of time, {unit:g} s"
+                raise self._wrong(f"clock {net}", self._clocks[net], allowed)
+        for net in self._outputs:
+            handles[net].value = 0
+        clocks = [Clock(handles[net], units, unit="step", impl="gpi") for net, units in periods.items()]
+        began = cocotb.utils.get_sim_time("step")
+        for clock in clocks:
+            clock.start(start_high=False)
+        longest = max(periods.values(), default=math.ceil(self._step_s / unit))
+        if self._reset is not None:
+            reset = self._handle(dut, self._reset.net)
+            reset.value = self._reset.active
+            await Timer(RESET_CLOCKS * longest, unit="step")
+            reset.value = 1 - self._reset.active
+        settle = 1 + math.ceil(self._settle_s / unit)
+        await Timer(settle, unit="step")
+        for _ in range(longest):
+            since = cocotb.utils.get_sim_time("step") - began
+            # from the last rising edge of each clock to now
+            passed = [(since + units // 2) % units for units in periods.values()]
+            if all(settle <= past for past in passed):
+                break
+            await Timer(1, unit="step")
+        first = [units - past for units, past in zip(periods.values(), passed, strict=True)]
+        base, base_s = 1, unit
+        if len(periods) == 1:
+            ((net, base),) = periods.items()
+            base_s = self._clocks[net]
+        time = Timebase(
+            0,
+            base_s,
+            base,
+            settle,
+            tuple(zip(first, periods.values(), strict=True)),
+            self._step_s,
+            0.125 * min((drive.edge_s for drive in self._inputs.values()), default=self._step_s),
+            IDLE_STEPS * self._step_s,
+        )
+        half = self._circuit(loop.levels(len(sources)), sources)
+
+        async def watch() -> None:
+            while True:
+                await Timer(256 * longest, unit="step")
+                loop.require()
+
+        watcher = None
+        try:
+            loop.arm(half, time, samples=len(self._nodes))
+            watcher = cocotb.start_soon(watch())
+            yield self
+        except CancelledError:
+            raise
+        except BaseException:
+            loop.require()  # the cause of whatever failed in the block
+            raise
+        else:
+            loop.require()
+        finally:
+            if watcher is not None:
+                watcher.cancel()
+                self.times, table = loop.samples()
+                self.samples = dict(zip(self._nodes, table.T, strict=True))
+                self.overshoot_v = loop.overshoot_v
+            loop.stop()
+            half.abandon()
+            for clock in clocks:
+                clock.stop()
+
+    def _handle(self, dut: Any, net: str) -> Any:
+        top, *names = net.split(".")
+        handle = dut
+        for name in names:
+            handle = getattr(handle, name, None)
+        if top != "dut" or not names or handle is None:
+            raise self._wrong("net", net, f"dut.NAME, a net of {dut._name}")
+        return handle
+
+    def _nets(self, handles: Mapping[str, Any]) -> tuple[list[Net], list[tuple[str, Drive]]]:
+        """Return the nets, and each source with its drive, in the order of their numbers."""
+        nets: list[Net] = []
+        sources: list[tuple[str, Drive]] = []
+        for name, drive in self._inputs.items():
+            handle = handles[name]
+            own = (drive.source,) if isinstance(drive.source, str) else tuple(drive.source)
+            real = isinstance(handle.value, float)
+            width = 0 if real else len(handle) if hasattr(handle, "__len__") else 1
+            kind = "real" if real else "code" if isinstance(drive.source, str) and width > 1 else "bits"
+            if kind == "bits" and len(own) != width:
+                raise self._wrong(name, own, f"one source, or {width}")
+            nets.append(Net(handle._path, len(sources), drive.low, drive.high, kind))
+            sources += [(source, drive) for source in own]
+        return nets, sources
+
+    def _output_nets(self, handles: Mapping[str, Any]) -> list[Output]:
+        nets: list[Output] = []
+        first = 0
+        for name, bits in self._outputs.items():
+            crossing = bits[0].crossing or not self._clocks
+            nets.append(Output(handles[name]._path, first, tuple(bit.above for bit in bits), crossing))
+            first += len(bits)
+        return nets
+
+    def _circuit(self, levels: Sequence[float], sources: Sequence[tuple[str, Drive]]) -> NgspiceHalf:
+        edges_s = tuple(drive.edge_s for _, drive in sources)
+        deck = Deck(
+            tuple(self._lines),
+            tuple(source for source, _ in sources),
+            tuple(levels),
+            tuple(drive.abrupt for _, drive in sources),
+            tuple(self._nodes),
+            edges_s=edges_s,
+        )
+        shortest = min(edges_s, default=self._step_s)
+        return NgspiceHalf(deck, t_edge_s=shortest, t_max_step_s=self._step_s, t_stop_s=END_S, log=self._log)

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""dermis.lockstep with Verilog and SPICE that are not this chip's: the examples of docs/lockstep.md,
+and what the room refuses.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+from dermis.chip import hdl, ngspice
+from dermis.scene.design import ROOT
+
+EXAMPLES = ROOT / "docs" / "examples"
+LIMIT_S = 60.0
+
+
+def run(simulator: str, verilog: Path, module: Path, work: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Run a cocotb test; return what failed, empty for nothing."""
+    build = hdl.build(simulator, verilog.stem, {}, sources=[verilog], where="lockstep")
+    shutil.copytree(module.parent, work, dirs_exist_ok=True)
+    monkeypatch.syspath_prepend(work)  # the simulator has the path of this process
+    with contextlib.suppress(SystemExit):  # of cocotb's runner, for a test that failed
+        hdl.run_cocotb(simulator, build, verilog.stem, module.stem, work, {}, limit_s=LIMIT_S)
+    failed = ET.parse(work / "results.xml").getroot().iter("failure")
+    return "\n".join(found.get("error_msg", "") + (found.text or "") for found in failed)
+
+
+@pytest.mark.parametrize("simulator", ["icarus", pytest.param("verilator", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", ["sigma_delta", "sar", "oscillator"])
+def test_an_example_meets_its_closed_form(
+    name: str, simulator: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = EXAMPLES / name
+    failed = run(simulator, folder / f"{name}.v", folder / f"test_{name}.py", tmp_path / "run", monkeypatch)
+    assert failed == ""
+
+
+# Text of clock_loop.c, a fault in its place, and the example that must fail.
+FAULTS = {
+    "prediction": ("fmax(rest < NEAR_V ? go : 0.9 * go, ", "fmax(2.0 * go, ", "oscillator"),
+    "rounded": ("double time = lp.event + ", "double time = lp.event + 1e-12 + ", "oscillator"),
+    "bit": ("net->value[w] >> bit & 1 ? net->high : net->low);\n        }", "net->low);\n        }", "sar"),
+    "low": ("net->high : net->low);\n        }", "1.0 : 0.0);\n        }", "sigma_delta"),
+}
+
+
+@pytest.mark.parametrize(
+    "fault", [pytest.param(f, marks=[pytest.mark.long] * (f != "rounded")) for f in FAULTS]
+)
+def test_an_example_sees_a_fault(fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    right, wrong, name = FAULTS[fault]
+    text = ngspice.LOOP_SOURCE.read_text()
+    assert text.count(right) == 1
+    (tmp_path / "clock_loop.c").write_text(text.replace(right, wrong))
+    work = tmp_path / "run"
+    work.mkdir()
+    seed = "from pathlib import Path\nfrom dermis.chip import ngspice\n"
+    seed += f"ngspice.LOOP_SOURCE = Path({str(tmp_path / 'clock_loop.c')!r})\n"
+    shutil.copytree(EXAMPLES / name, tmp_path / "seeded")
+    module = tmp_path / "seeded" / f"seeded_{fault}.py"
+    module.write_text(seed + (EXAMPLES / name / f"test_{name}.py").read_text())
+    assert run("icarus", EXAMPLES / name / f"{name}.v", module, work, monkeypatch)
+
+
+VERILOG = """`timescale 1ns / 1ps
+module own (input clk, input clk_b, input rst_n, input comp, input comp_b, output reg dac, output reg [3:0] code,
+            output reg other, output reg late, output reg caught);
+  real level;
+  always @(posedge clk or negedge rst_n)
+    if (!rst_n) begin dac <= 0; code <= 0; level <= 0.0; end
+    else begin dac <= comp; code <= code + 4'd1; level <= 0.125 * code; end
+  always @(posedge clk_b or negedge rst_n) if (!rst_n) other <= 0; else other <= ~other;
+  initial {late, caught} = 0;
+  always @(posedge comp_b) caught <= ~caught;
+  always @(posedge clk) late <= #3 ~late;
+endmodule
+"""
+
+PYTHON = """import cocotb, math
+import numpy as np
+from cocotb.triggers import ClockCycles, Timer
+from dermis.errors import DermisError
+from dermis.lockstep import Compare, Cosim, Drive
+
+RC = '''an RC on each of two sources
+vd_a d_a 0 external
+vd_b d_b 0 external
+r1 d_a x 10k
+c1 x 0 100p
+r2 d_b y 10k
+c2 y 0 1p
+.options reltol=1e-6 vntol=1e-9 abstol=1e-15
+'''
+
+
+def cosim(inputs, **more):
+    options = dict(clock="dut.clk", period_s=1e-6, reset="dut.rst_n", step_s=1e-8, log="own.log") | more
+    return Cosim(RC, inputs, {"dut.comp": Compare("x", above=0.5)}, **options)
+
+
+async def said(dut, sim, clocks=20):
+    try:
+        async with sim.running(dut):
+            await ClockCycles(dut.clk, clocks)
+    except DermisError as error:
+        return str(error)
+    return ""
+"""
+
+TESTS = {
+    "two_circuits_one_after_the_other": """
+    for _ in range(2):
+        clocks = {"dut.clk": 1e-6, "dut.clk_b": 0.7e-6}
+        sim = cosim({"dut.dac": Drive("vd_a"), "dut.other": Drive("vd_b")}, clock=clocks, probes=["d_b", "y"])
+        assert await said(dut, sim) == ""
+        gaps = np.diff(np.round(sim.times[1:] * 1e12))
+        assert len(set(gaps)) > 5 and not (gaps % 5e4).any(), gaps  # the edges of both clocks, merged
+        assert sim.samples["d_b"].max() == 1.0 and sim.samples["y"].max() > 0.9
+""",
+    "a_code_and_a_real_net": """
+    sim = cosim({"dut.code": Drive("vd_a", high=0.25), "dut.level": Drive("vd_b", low=0.1, high=1.1)},
+                probes=["d_a", "d_b"])
+    assert await said(dut, sim, 40) == ""
+    code, level = sim.samples["d_a"][2:] / 0.25, sim.samples["d_b"][2:] - 0.1
+    assert np.allclose(np.diff(code) % 16, 1.0, rtol=0, atol=1e-9)  # volt
+    assert np.allclose(level[1:], 0.125 * code[:-1], rtol=0, atol=1e-9), (level, code)  # a clock later
+""",
+    "a_delay_is_an_error_by_name_or_exact": """
+    inputs = {"dut.late": Drive("vd_a"), "dut.dac": Drive("vd_b")}
+    assert "own.late changed at " in await said(dut, cosim(inputs))
+    sim = cosim(inputs, settle_s=5e-9, probes=["x"])
+    assert await said(dut, sim) == ""
+    # from event 1 on: 0 or 1 with a period of two clocks, each edge 3 ns late with a ramp of 1 ns
+    v, worst, before = sim.samples["x"][0], 0.0, 0.0
+    for n in range(1, len(sim.times) - 1):
+        level = float(n % 2) if before == 0.0 else 0.0
+        v = before + (v - before) * math.exp(-(sim.times[n] - sim.times[n - 1] if n == 1 else 3e-9) / 1e-6)
+        slope = (level - before) / 1e-9
+        start = before - 1e-6 * slope
+        v = start + slope * 1e-9 + (v - start) * math.exp(-1e-3)
+        v = level + (v - level) * math.exp(-(sim.times[n + 1] - sim.times[n] - 4e-9) / 1e-6)
+        worst, before = max(worst, abs(v - sim.samples["x"][n + 1])), level
+    assert worst < 1e-5, worst  # of ngspice; 3 ns are 1e-3
+""",
+    "a_crossing_between_clocks_is_answered_when_it_happens": """
+    inputs = {"dut.dac": Drive("vd_a"), "dut.caught": Drive("vd_b")}
+    outputs = {"dut.comp": Compare("d_a", above=0.5), "dut.comp_b": Compare("x", above=0.4, crossing=True)}
+    tick = "vtick tick 0 pulse(0 1 2.3u 1n 1n 4u 8u)" + chr(10) + "r3 d_a 0 1k" + chr(10) + "r1 tick x"
+    rc = RC.replace("r1 d_a x", tick)
+    options = dict(clock="dut.clk", period_s=1e-6, reset="dut.rst_n", step_s=2e-9, probes=["y"], log="own.log")
+    sim = Cosim(rc, inputs, outputs, **options)
+    assert await said(dut, sim, 30) == ""
+    x, y, t = sim.samples["x"], sim.samples["y"], sim.times
+    (at,) = np.nonzero(np.abs(x - 0.4) < 1e-9)
+    assert len(at) == 7 and sim.overshoot_v < 2e-12, at
+    # the first rise begins at 2.3 us from 0 V with a ramp of 1 ns: x - 0.4 = 0 after this time
+    end = 1.0 - 1e3 * (1.0 - math.exp(-1e-3))
+    exact = 2.301e-6 + 1e-6 * math.log((1.0 - end) / 0.6)
+    assert abs(t[at[0]] - exact) < 1e-12, t[at[0]] - exact
+    assert (t[at[0]] * 1e12) % 1.0 > 1e-3, "between two units of time of the Verilog"
+    # y follows from then on: tau is 10 ns, and the next clock is a third of a microsecond later
+    held = np.exp(-(t[at[0] + 1] - t[at[0]]) / 1e-8)
+    assert abs(y[at[0]]) < 1e-9 and abs(y[at[0] + 1] - 1.0) < 1e-5 + 2.0 * held
+    assert int(dut.caught.value) == 0 and len(at[::2]) == 4  # four rises
+""",
+    "wrong_names_and_widths_are_one_line": """
+    for options, words in (
+        (dict(period_s=None), "period_s"),
+        (dict(clock=None), "step_s"),
+        (dict(clock={"dut.clk": 1e-6, "dut.clk_b": 1.2345678e-7}), "unit of time"),
+    ):
+        try:
+            sim = cosim({"dut.dac": Drive("vd_a")}, **{"step_s": None} | options)
+            found = await said(dut, sim)
+        except DermisError as error:
+            found = str(error)
+        assert words in found and chr(10) not in found, (options, found)
+    for inputs, words in (
+        ({"dut.nothing": Drive("vd_a"), "dut.dac": Drive("vd_b")}, "dut.nothing"),
+        ({"dut.code": Drive(("vd_a", "vd_b"))}, "one source, or 4"),
+        ({"dut.dac": Drive("vd_a")}, "vd_b"),
+    ):
+        found = await said(dut, cosim(inputs))
+        assert words in found and chr(10) not in found, found
+""",
+    "an_x_is_named": """
+    assert "own.dac is x" in await said(dut, cosim({"dut.dac": Drive("vd_a"), "dut.late": Drive("vd_b")}, reset=None))
+""",
+}
+
+
+@pytest.mark.parametrize("simulator", ["icarus", pytest.param("verilator", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", TESTS)
+def test_own_verilog_and_spice(
+    name: str, simulator: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if simulator == "verilator" and name in ("an_x_is_named", "a_delay_is_an_error_by_name_or_exact"):
+        pytest.skip("Verilator has no X, and ignores delays as it is built here")
+    monkeypatch.delitem(sys.modules, "own_test", raising=False)
+    delay = "" if simulator == "verilator" else "#3 "
+    (tmp_path / "own.v").write_text(VERILOG.replace("#3 ", delay))
+    (tmp_path / "test").mkdir()
+    module = tmp_path / "test" / "own_test.py"
+    module.write_text(f"{PYTHON}\n\n@cocotb.test()\nasync def {name}(dut):{TESTS[name]}")
+    assert run(simulator, tmp_path / "own.v", module, tmp_path / "run", monkeypatch) == ""
