@@ -23,6 +23,23 @@ static uint16_t crc16(const uint8_t *bytes, size_t count) {
   return crc;
 }
 
+/* A frame with its CRC, of whole slots in order: the special ones, then rows. Zeros follow an answer and keep a CRC of 0,
+   so that a frame whose length was corrupted upwards is whole with them: what is whole without its zeros is refused. */
+static int whole(const uint8_t *bytes, size_t length) {
+  size_t slot = 1u + bytes[4] * (bytes[5] > 8 ? 2u : 1u) + (bytes[4] + 7u) / 8u, used = length;
+  int last = -1;
+  if (bytes[0] != 1 || length == 10 || (length - 10) % slot) return 0;
+  for (size_t at = 8; at < length - 2; at += slot) {
+    int order = bytes[at] >= 0xF0 && bytes[at] <= 0xF3 ? bytes[at] - 0xF0 : bytes[at] < 128 ? bytes[at] + 4 : -1;
+    if (order <= last) return 0;
+    last = order;
+  }
+  while (used && !bytes[used - 1]) used--;
+  for (size_t end = 10 + slot; end < length; end += slot)
+    if (end >= used && !crc16(bytes, end)) return 0;
+  return 1;
+}
+
 static int exchange(const dermis_host *host, const uint8_t *send, uint8_t *receive, size_t count) {
   while (count) {
     size_t now = count < host->transfer_bytes ? count : host->transfer_bytes;
@@ -55,13 +72,13 @@ static int finish(const dermis_host *host, int status) {
 }
 
 static int corrupted(int status) {
-  return status == DERMIS_BAD_TOKEN || (status >= DERMIS_NOT_WRITTEN && status <= DERMIS_BAD_LENGTH);
+  return status == DERMIS_BAD_TOKEN || status == DERMIS_NO_REGISTER || (status >= DERMIS_NOT_WRITTEN && status <= DERMIS_BAD_LENGTH);
 }
 
 int dermis_write(const dermis_host *host, uint8_t address, uint16_t value) {
   int status = DERMIS_NOT_WRITTEN;
   /* Not after a bad token: the chip may have written, and a shot would be taken twice. */
-  for (unsigned n = 0; n < host->tries && status == DERMIS_NOT_WRITTEN; n++) {
+  for (unsigned n = 0; n < host->tries && (status == DERMIS_NOT_WRITTEN || status == DERMIS_NO_REGISTER); n++) {
     uint8_t command[5] = {OP_WRITE, address, (uint8_t)(value >> 8), (uint8_t)value, 0};
     command[4] = crc8(command, 4);
     status = finish(host, ask(host, command, 5, TOKEN_DONE));
@@ -112,10 +129,7 @@ int dermis_frame(const dermis_host *host, unsigned polls, uint8_t *bytes, size_t
     if (status == DERMIS_OK && (*length < 10 || *length > room)) status = DERMIS_BAD_LENGTH;
     if (status == DERMIS_OK) status = exchange(host, NULL, bytes, *length);
     if (status == DERMIS_OK && crc16(bytes, *length)) status = DERMIS_BAD_CRC;
-    if (status == DERMIS_OK) {
-      size_t slot = 1u + bytes[4] * (bytes[5] > 8 ? 2u : 1u) + (bytes[4] + 7u) / 8u;
-      if (bytes[0] != 1 || *length == 10 || (*length - 10) % slot) status = DERMIS_BAD_LENGTH;
-    }
+    if (status == DERMIS_OK && !whole(bytes, *length)) status = DERMIS_BAD_LENGTH;
     status = finish(host, status);
   }
   return status;

@@ -14,13 +14,13 @@ enum {
   DERMIS_NO_REGISTER,   /* E3, or E0: nothing was done */
   DERMIS_NOT_WRITTEN,   /* E1 or E2 in each try: nothing was done */
   DERMIS_BAD_CRC,       /* in each try */
-  DERMIS_BAD_LENGTH,    /* longer than the buffer, or not whole slots */
+  DERMIS_BAD_LENGTH,    /* longer than the buffer, or not whole slots in order */
   DERMIS_TIMEOUT,       /* STATUS did not show the bit */
   DERMIS_OTHER_CHIP     /* ID is not DE01 */
 };
 
 typedef struct {
-  /* Exchange `count` bytes, zeros if `send` is NULL; chip select, low from the first byte on, stays
+  /* Exchange `count` bytes, 0xFF if `send` is NULL; chip select, low from the first byte on, stays
      low afterwards if `hold`. Mode 0, most significant bit first. Return 0 when done. */
   int (*transfer)(void *port, const uint8_t *send, uint8_t *receive, size_t count, int hold);
   void *port;

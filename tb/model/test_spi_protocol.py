@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -82,7 +83,7 @@ def frames(draw: st.DrawFn) -> spi.Frame:
         cols=cols,
         code_bits=code_bits,
         gate_clocks=draw(st.integers(0, 65535)),
-        slots=tuple(slots),
+        slots=tuple(sorted(slots, key=lambda s: (s not in spi.SPECIAL_SLOTS, s))),
         codes=seed.integers(0, 2**code_bits, (len(slots), cols)).astype(np.uint16),
         overflow=seed.random((len(slots), cols)) < 0.3,
         test=draw(st.booleans()),
@@ -161,6 +162,21 @@ def test_touched_rows_and_their_neighbours_are_looked_at_and_all_in_every_nth_fr
     assert found[5] == {r for r in every if (r + 6) % 3 == 0}
 
 
+@pytest.mark.parametrize("late", [1, 2, 3])
+@pytest.mark.parametrize("every", [8, 15, 16])
+def test_a_touch_once_seen_is_not_lost_however_late_a_mask_acts(late: int, every: int) -> None:
+    policy = spi.RowsOfInterest(16, every=every)
+    masks, seen, missed = [policy.mask] * late, False, 0
+    for frame in range(240):
+        slots = np.flatnonzero(masks[frame])
+        codes = np.where((slots == 0) | ((slots == 10) & (frame >= 40)), 50, 0)[:, None]
+        masks.append(policy.next(slots, codes))
+        seen |= frame >= 40 and 10 in slots
+        missed += seen and 10 not in slots
+    assert seen
+    assert missed < late
+
+
 def test_codes_below_the_threshold_and_slots_that_are_no_rows_do_not_count() -> None:
     policy = spi.RowsOfInterest(4, threshold=8)
     frame = np.array([[7, 7], [255, 255], [0, 8]])
@@ -200,9 +216,15 @@ def test_no_mask_is_empty_and_no_row_waits_longer_than_the_whole_frame(
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: spi.RowsOfInterest(0), "rows = 0: a whole number from 1"),
-        (lambda: spi.RowsOfInterest(16, neighbours=-1), "neighbours = -1: a whole number from 0"),
-        (lambda: spi.RowsOfInterest(16, every=0.5), "every = 0.5: a whole number from 1"),
+        (lambda: spi.RowsOfInterest(0), "rows = 0: a whole number 1..128"),
+        (lambda: spi.RowsOfInterest(200), "rows = 200: a whole number 1..128"),
+        (lambda: spi.RowsOfInterest(True), "rows = True: a whole number 1..128"),
+        (lambda: spi.RowsOfInterest(2, math.nan), "threshold = nan: a number"),
+        (lambda: spi.RowsOfInterest(2).next((-1,), [[9]]), "slots = [-1]: rows below 2"),
+        (lambda: spi.RowsOfInterest(2).next((0.9,), [[9]]), "slots = [0.9]: rows below 2"),
+        (lambda: spi.RowsOfInterest(2).next((2,), [[9]]), "slots = [2]: rows below 2"),
+        (lambda: spi.RowsOfInterest(16, neighbours=-1), "neighbours = -1: a whole number 0.."),
+        (lambda: spi.RowsOfInterest(16, every=0.5), "every = 0.5: a whole number 1.."),
         (lambda: spi.RowsOfInterest(2).next((0, 1), [1, 2]), "codes = shape (2,): [2, cols]"),
         (lambda: spi.RowsOfInterest(2).next((0,), [[1], [2]]), "codes = shape (2, 1): [1, cols]"),
     ],
@@ -212,3 +234,35 @@ def test_what_rows_of_interest_cannot_take_is_one_line(call: Callable[[], object
         call()
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("cols", "code_bits"), [(6, 8), (3, 12), (1, 16), (7, 12), (16, 8)])
+def test_a_frame_with_slots_of_zeros_behind_it_is_none(cols: int, code_bits: int) -> None:
+    """Zeros keep a CRC of 0, and the chip sends them behind an answer: the length was corrupted."""
+    rng = np.random.default_rng(3)
+    for rows in range(1, 7):
+        codes = rng.integers(0, 2**code_bits, (rows, cols)).astype(np.uint16)
+        frame = spi.Frame(7, cols, code_bits, 510, tuple(range(rows)), codes, np.zeros((rows, cols), bool))
+        data = spi.pack_frame(frame)
+        assert spi.parse_frame(data).slots == frame.slots
+        for more in range(1, 5):
+            with pytest.raises(spi.FrameError):
+                spi.parse_frame(data + bytes(more * spi.slot_bytes(cols, code_bits)))
+
+
+def test_slots_out_of_order_are_no_frame() -> None:
+    for slots in ((1, 0), (0, spi.SLOT_DARK), (spi.SLOT_FULL_EVEN, spi.SLOT_DARK, 0), (0, 0)):
+        codes = np.ones((len(slots), 2), np.uint16)
+        frame = spi.Frame(7, 2, 8, 510, slots, codes, np.zeros(codes.shape, bool))
+        with pytest.raises(spi.BadFrameFormat):
+            spi.parse_frame(spi.pack_frame(frame))
+
+
+def test_no_bit_of_an_opcode_makes_a_write_of_a_read() -> None:
+    """What the host sends while it listens is no CRC of a write to a register that can be written."""
+    writable = {
+        r.address + n for r in REGISTERS.values() if r.writable for n in range(len(r.words(128, 128, 16)))
+    }
+    (fill,) = spi.FILL
+    assert not [a for a in writable if spi.crc8((spi.OP_WRITE, a, fill, fill)) == fill]
+    assert [a for a in writable if spi.crc8((spi.OP_WRITE, a, 0, 0)) == 0]

@@ -16,7 +16,8 @@ from dermis.chip import register_map as rm
 from dermis.chip import spi_protocol as spi
 from dermis.errors import InputError
 
-NOT_DONE = (spi.BadCommandCrc, spi.Busy)
+# The chip did nothing; a corrupted opcode or address looks like a command or register that it does not have.
+NOT_DONE = (spi.BadCommandCrc, spi.Busy, spi.UnknownCommand, spi.NoSuchRegister)
 CORRUPTED = (spi.BadToken, spi.BadAnswerCrc, spi.FrameError, *NOT_DONE)
 
 
@@ -48,7 +49,7 @@ class Host:
                 if not left:
                     raise
             finally:
-                self.transfer(b"\0", False)  # ends the transaction; the chip ignores this byte
+                self.transfer(spi.FILL, False)  # ends the transaction; the chip ignores this byte
 
     def read(self, address: int) -> int:
         """Return a register; SpiError."""

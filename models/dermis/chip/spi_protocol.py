@@ -12,6 +12,7 @@ driver alike::
 from __future__ import annotations
 
 import binascii
+import math
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from typing import TypeVar
@@ -22,6 +23,9 @@ import numpy.typing as npt
 from dermis.errors import DermisError, InputError
 
 OP_WRITE, OP_READ, OP_FRAME = 0x02, 0x03, 0x0B
+FILL = b"\xff"
+"""What the host sends while it listens. With zeros a read of FULL_MIN whose opcode loses a bit is a write with a
+matching CRC; with ones no such register is writable."""
 WAIT, TOKEN_DONE, TOKEN_DATA = 0x00, 0x5A, 0xA5
 TOKEN_OPCODE, TOKEN_CRC, TOKEN_BUSY, TOKEN_ACCESS = 0xE0, 0xE1, 0xE2, 0xE3
 
@@ -161,7 +165,7 @@ def read_register(address: int, wait_limit: int = WAIT_LIMIT) -> Transaction[int
     """Read a register; return its 16 bits."""
     yield from _exchanged(read_command(address))
     yield from _token(TOKEN_DATA, wait_limit)
-    high, low, check = yield from _exchanged(bytes(3))
+    high, low, check = yield from _exchanged(3 * FILL)
     if check != crc8((OP_READ, address, high, low)):
         raise BadAnswerCrc(f"register 0x{address:02X}: {high:02X} {low:02X} came with CRC {check:02X}")
     return high << 8 | low
@@ -171,8 +175,8 @@ def read_frame_bytes(wait_limit: int = WAIT_LIMIT) -> Transaction[bytes]:
     """Read the newest whole frame as packed, for `parse_frame`; empty if there is none."""
     yield from _exchanged(frame_command())
     yield from _token(TOKEN_DATA, wait_limit)
-    high, low = yield from _exchanged(bytes(2))
-    return (yield from _exchanged(bytes(high << 8 | low))) if high or low else b""
+    high, low = yield from _exchanged(2 * FILL)
+    return (yield from _exchanged((high << 8 | low) * FILL)) if high or low else b""
 
 
 def read_frame(wait_limit: int = WAIT_LIMIT) -> Transaction[Frame]:
@@ -195,7 +199,7 @@ def _exchanged(send: bytes) -> Transaction[bytes]:
 
 def _token(wanted: int, wait_limit: int) -> Transaction[int]:
     for waited in range(wait_limit + 1):
-        (token,) = yield from _exchanged(b"\x00")
+        (token,) = yield from _exchanged(FILL)
         if token == wanted:
             return waited
         if token != WAIT:
@@ -258,17 +262,24 @@ class Frame:
 class RowsOfInterest:
     """Choose the rows of the next frame: touched ones and their neighbours, all rows `every` n frames.
 
-    A row is touched if one of its codes (or forces in newtons) is at least `threshold`. While none is,
-    each frame has one row in 2 neighbours + 1 by turns: a mask of no row gives no frame. `mask` [rows]
-    is True for the rows of the next frame. InputError for a number out of range.
+    A row is touched if one of its codes (or forces in newtons) is at least `threshold`, until it is
+    measured again without: so it does not matter how many frames later a mask acts. NaN is no touch.
+    While no row is touched, each frame has one row in 2 neighbours + 1 by turns: a mask of no row gives
+    no frame. `mask` [rows] is True for the rows of the next frame. InputError for a number out of range.
     """
 
     def __init__(self, rows: int, threshold: float = 8, neighbours: int = 1, every: int = 16) -> None:
-        for name, value, least in (("rows", rows, 1), ("neighbours", neighbours, 0), ("every", every, 1)):
-            if not isinstance(value, int) or value < least:
-                raise InputError("RowsOfInterest", name, value, f"a whole number from {least}")
+        for name, value, least, most in (
+            ("rows", rows, 1, 128),
+            ("neighbours", neighbours, 0, 128),
+            ("every", every, 1, 1 << 31),
+        ):
+            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+                raise InputError("RowsOfInterest", name, value, f"a whole number {least}..{most}")
+        if not math.isfinite(threshold):
+            raise InputError("RowsOfInterest", "threshold", threshold, "a number")
         self.threshold, self.neighbours, self.every = threshold, neighbours, every
-        self.mask, self._frame = np.ones(rows, bool), 0
+        self.mask, self._touched, self._frame = np.ones(rows, bool), np.zeros(rows, bool), 0
 
     @property
     def words(self) -> list[int]:
@@ -278,12 +289,16 @@ class RowsOfInterest:
 
     def next(self, slots: npt.ArrayLike, codes: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Return the next mask from slots [n] and codes [n, cols] of a `Frame`; InputError for other shapes."""
-        slots, codes, rows = np.asarray(slots, int), np.asarray(codes), len(self.mask)
+        slots, codes, rows = np.asarray(slots), np.asarray(codes), len(self.mask)
         if codes.ndim != 2 or slots.shape != codes.shape[:1]:
             raise InputError("RowsOfInterest", "codes", f"shape {codes.shape}", f"[{slots.size}, cols]")
-        touched, reach = np.zeros(rows, bool), 2 * self.neighbours + 1
-        touched[slots[slots < rows]] = (codes[slots < rows] >= self.threshold).any(axis=1)
-        near = np.convolve(touched, np.ones(reach))[self.neighbours :][:rows] > 0
+        if not all(s in range(rows) or s in SPECIAL_SLOTS for s in slots.tolist()):
+            raise InputError(
+                "RowsOfInterest", "slots", slots.tolist(), f"rows below {rows}, or special slots"
+            )
+        measured, reach = slots < rows, 2 * self.neighbours + 1
+        self._touched[slots[measured].astype(int)] = (codes[measured] >= self.threshold).any(axis=1)
+        near = np.convolve(self._touched, np.ones(reach))[self.neighbours :][:rows] > 0
         self._frame += 1
         idle = (np.arange(rows) + self._frame) % min(reach, rows) == 0
         self.mask = (near if near.any() else idle) | (self._frame % self.every == 0)
@@ -321,6 +336,10 @@ def parse_frame(data: bytes) -> Frame:
     body = np.frombuffer(data[HEADER_BYTES:-CRC_BYTES], dtype=np.uint8)
     if len(body) % size or not len(body):
         raise BadFrameLength(f"{len(body)} bytes are not one or more slots of {size}")
+    # Zeros follow an answer and keep a CRC of 0: a frame whose length was corrupted upwards is whole with them.
+    ends = range(HEADER_BYTES + CRC_BYTES + size, len(data), size)
+    if whole := next((end for end in ends if not any(data[end:]) and not crc16(data[:end])), 0):
+        raise BadFrameLength(f"{len(data)} bytes: a frame of {whole}, and zeros")
     table = body.reshape(-1, size)
     wide = code_bits > 8
     end = 1 + cols * (2 if wide else 1)
@@ -329,7 +348,8 @@ def parse_frame(data: bytes) -> Frame:
         codes = codes[:, 0::2] << 8 | codes[:, 1::2]
     overflow = np.unpackbits(table[:, end:], axis=1, bitorder="little").astype(bool)
     slots = tuple(int(s) for s in table[:, 0])
-    if len(set(slots)) != len(slots) or any(s >= 128 and s not in SPECIAL_SLOTS for s in slots):
+    order = [(s not in SPECIAL_SLOTS, s) for s in slots]
+    if order != sorted(set(order)) or any(s >= 128 and s not in SPECIAL_SLOTS for s in slots):
         raise BadFrameFormat(f"slots {bytes(slots).hex(' ')}")
     if overflow[:, cols:].any() or (codes >> code_bits).any():
         raise BadFrameFormat("bits beyond the columns or beyond a code are not 0")

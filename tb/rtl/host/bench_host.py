@@ -71,7 +71,7 @@ class CHost:
             )
 
         def call(_port: Any, send: Any, receive: Any, count: int, hold: int) -> int:
-            back = transfer(ctypes.string_at(send, count) if send else bytes(count), bool(hold))
+            back = transfer(ctypes.string_at(send, count) if send else count * spi.FILL, bool(hold))
             ctypes.memmove(receive, back, count)
             return 0
 

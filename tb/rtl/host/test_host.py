@@ -36,14 +36,16 @@ def driver(request: pytest.FixtureRequest) -> dict[str, str]:
     return {"library": request.getfixturevalue("library") if request.param == "c" else ""}
 
 
-def drive(driver: dict[str, str], trap: Path | None = None, **scenario: Any) -> dict[str, Any]:
+def drive(
+    driver: dict[str, str], trap: Path | None = None, parameters: dict[str, int] = SMALL, **scenario: Any
+) -> dict[str, Any]:
     got = simulate(
         "icarus",
         "bench_host",
         "dermis_top",
         "drives",
-        SMALL,
-        {"parameters": SMALL} | driver | scenario,
+        parameters,
+        {"parameters": parameters} | driver | scenario,
         trap=trap,
     )
     assert got["held"], "chip select rose inside a transaction"
@@ -70,6 +72,13 @@ def test_a_frame_is_read_again_until_it_is_right(driver: dict[str, str], line: s
     assert got["test_rate"] == 0x1234
     assert got["frame"] == got["expected"]
     assert got["frames"] == frames
+
+
+def test_a_length_with_whole_slots_too_many_is_read_again(driver: dict[str, str]) -> None:
+    """34 bytes become 50, two slots of 8 more; zeros follow, which keep the CRC."""
+    got = drive(driver, parameters=SMALL | {"ROWS": 3, "COLS": 6}, settled=2, faults={"3": ["flip", 4]})
+    assert got["frame"] == got["expected"]
+    assert got["frames"] == 4
 
 
 def name(driver: dict[str, str], in_python: str, in_c: str) -> str:
