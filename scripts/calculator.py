@@ -500,6 +500,10 @@ def print_answer(answer: Answer) -> None:
     verdict.print_rows(answer.rows, "Feasibility")
 
 
+SIZED = ("interface.k", "converter.i0_a", "converter.c_int_f")
+"""Values that spice/sky130 is drawn for; no command resizes it."""
+
+
 def write_design(answer: Answer, path: Path = design_module.DESIGN_FILE) -> list[str]:
     """Write the answer into a design file, keeping comments and reasons; return the changed keys.
 
@@ -534,6 +538,11 @@ def calc_command(write: bool, **values: Any) -> None:
     if write:
         changed = write_design(answer)
         click.echo(f"written: {', '.join(changed)}; next: make generate" if changed else "no change")
+        if moved := [key for key in changed if key in SIZED]:
+            click.echo(
+                f"the transistors of spice/sky130 are sized for the old {', '.join(moved)}: resize mirror, charge "
+                'source and integrator, or keep run.views = "behavioural" (docs/sky130.md)'
+            )
         return
     print_answer(answer)
     if not answer.feasible:

@@ -110,6 +110,12 @@ def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Ro
     expected = np.round(made.timing.gate_clocks * made.duty_ideal()).astype(int) if case.readback else None
     begin = cpu_time.cpu_used_s()
     rows = compare(made, result, case.name, expected)
+    if case.record:
+        _, v_int = waves.integrator_waves(result.info["records"][0], made.cols)
+        swing = float(np.ptp(v_int, axis=1).max())
+        rows.append(
+            verdict.report(f"frame.integrator_swing_v.{case.name}", swing, "V", "largest of the columns")
+        )
     result.info["check_cpu_s"] = cpu_time.cpu_used_s() - begin
     chip = f"{case.simulator}, {'flip-flop + latch' if case.sync_latch else 'flip-flop + flip-flop'}"
     for row in rows:

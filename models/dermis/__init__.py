@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dermis.errors import DermisError, InputError, SimulatorError
     from dermis.skin import Skin
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 drop_stale(Path(__file__).parent)
 

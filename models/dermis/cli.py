@@ -199,7 +199,9 @@ def run(
         plan_table.print_rows(info["masked"])
     elif made.on and made.engine in ("closed", "event"):
         plan_table.print_answer(made)
-    verdict.print_rows(rows, f"{one_line(made.scene.table.title)} ({made.engine}, {made.frames} frames)")
+    title = one_line(made.scene.table.title) or path.stem
+    frames = "1 frame" if made.frames == 1 else f"{made.frames} frames"
+    verdict.print_rows(rows, f"{title} ({made.engine}, {frames})")
     click.echo(f"codes, figure, summary and the resolved scene are in {one_line(str(where), 400)}")
     return verdict.exit_code(rows)
 

@@ -4,8 +4,11 @@
 from __future__ import annotations
 
 import importlib
+import importlib.metadata
 import importlib.util
+import shlex
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +91,22 @@ def optional(module: str, extra: str) -> Any:
         if error.name not in (module, module.partition(".")[0]):  # a defect inside it
             raise
         name = module.partition(".")[0]
-        raise InputError("environment", name, "not installed", f"pip install 'dermis[{extra}]'") from None
+        raise InputError("environment", name, "not installed", install_line(extra)) from None
+
+
+def install_line(extra: str) -> str:
+    """Return the command that installs the packages of an extra into this Python.
+
+    It names the packages, as dermis itself is in no package index.
+    """
+    try:
+        asked = importlib.metadata.requires("dermis") or []
+    except importlib.metadata.PackageNotFoundError:  # a checkout on PYTHONPATH
+        asked = []
+    packages = [said.split(";")[0].strip() for said in asked if said.endswith(f"extra == '{extra}'")]
+    if not packages:
+        return f"install the packages of {extra} in pyproject.toml"
+    return shlex.join([sys.executable, "-m", "pip", "install", *packages])
 
 
 def package_directory(package: str, inside: str, remedy: str) -> Path:

@@ -4,10 +4,57 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import multiprocessing
 import re
+import sys
+import time
 from pathlib import Path
+from typing import Any
 
 _IMPORT = re.compile(r"^from ([\w.]+) import (\([^)]*\)|[\w, ]+)", re.MULTILINE)
+
+
+QUIET_S = 2.0
+"""Compilation that takes less says nothing, unless standard error is a terminal."""
+AGAIN_S = 10.0
+
+
+def announce() -> None:
+    """Say on standard error that numba compiles loops, if it has to, and how far it is.
+
+    Machine code that numba kept from an earlier run is loaded without a word.
+    """
+    if "numba" in sys.modules and multiprocessing.parent_process() is None:
+        _listen()
+
+
+@functools.cache
+def _listen() -> None:
+    from numba.core import event
+
+    class Progress(event.Listener):
+        loops, begin, next_s = 0, 0.0, 0.0 if sys.stderr.isatty() else QUIET_S
+
+        def on_start(self, _: Any) -> None:
+            self.begin = self.begin or time.monotonic()
+            self.say()
+
+        def on_end(self, _: Any) -> None:
+            self.loops += 1
+            self.say()
+
+        def say(self) -> None:
+            if (spent := time.monotonic() - self.begin) < self.next_s:
+                return
+            words = f"{self.loops} loops in {spent:.0f} s"
+            if self.next_s < AGAIN_S:  # the first line
+                # Measured on a core of an AMD EPYC: simulate 9 s, Skin 16 s, noise and moving currents 48 s.
+                words = "about 10 to 50 s, by the effects"
+            print(f"compiling once for this processor: {words}", file=sys.stderr, flush=True)
+            self.next_s = spent + AGAIN_S
+
+    event.register("numba:compile", Progress())
 
 
 def drop_stale(package: Path) -> None:

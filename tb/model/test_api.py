@@ -95,7 +95,8 @@ def test_a_table_without_its_module_says_what_to_install(
     forces: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(dermis.InputError, match="environment: pandas = not installed"):
+    remedy = "environment: pandas = not installed: .* -m pip install pandas xarray"
+    with pytest.raises(dermis.InputError, match=remedy):
         dermis.simulate(force_n=forces).to_pandas()
 
 

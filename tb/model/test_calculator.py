@@ -241,6 +241,19 @@ def test_write_changes_values_and_keeps_every_comment(tmp_path: Path) -> None:
 
 
 @pytest.mark.paper
+@pytest.mark.parametrize(("options", "warned"), [("--rows 8 --frame-s 0.001", False), ("--k 40", True)])
+def test_write_says_that_transistors_are_sized_for_another_design(
+    options: str, warned: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(verdict, "BUILD", tmp_path)
+    monkeypatch.setattr(calculator, "write_atomic", lambda path, text: None)
+    run = CliRunner().invoke(calculator.calc_command, ["--write", *options.split()])
+    assert run.exception is None, run.exception
+    assert "written: " in run.output
+    assert ("the transistors of spice/sky130 are sized for" in run.output) == warned, run.output
+
+
+@pytest.mark.paper
 def test_write_refuses_what_misses_a_limit_in_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

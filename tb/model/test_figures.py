@@ -64,15 +64,20 @@ def test_both_maps_have_one_scale_that_says_newtons_and_codes(tmp_path: Path) ->
     assert {"0  (0 N)", "255  (15 N)"} <= set(words)
 
 
+@pytest.mark.paper
+def test_curves_are_as_wide_as_maps_and_scale_and_end_at_full_force(tmp_path: Path) -> None:
+    figure, axes = drawn(tmp_path, made(tmp_path, np.linspace(0, 14, 256).reshape(1, 16, 16)))
+    assert axes["rest"].get_window_extent().x1 > 0.97 * figure.bbox.width
+    assert [text.get_text() for text in axes["rest"].get_xticklabels()][-1] == "15"
+
+
 @pytest.mark.parametrize(("rows", "cols"), [(60, 21), (4, 16), (16, 16), (1, 16), (16, 1)])
 def test_maps_of_any_shape_fill_their_place(rows: int, cols: int, tmp_path: Path) -> None:
     figure, axes = drawn(tmp_path, made(tmp_path, np.full((1, rows, cols), 5.0)))
-    width, height = figure.get_size_inches()
-    box = axes["codes"].get_position()
-    taxel = box.width * width / cols
+    box, whole = axes["codes"].get_window_extent(), figure.bbox
     # Square taxels, and a map that takes a sixth of the figure in one direction at least.
-    assert taxel == pytest.approx(box.height * height / rows, rel=0.02)
-    assert max(box.width, box.height) > 0.16
+    assert box.width / cols == pytest.approx(box.height / rows, rel=0.02)
+    assert max(box.width / whole.width, box.height / whole.height) > 0.16
 
 
 @pytest.mark.paper

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 from pathlib import Path
@@ -12,6 +13,7 @@ import click
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
+from PIL import Image
 
 from dermis import engines, plan
 from dermis.cli import NO_TABLE, cli, with_page
@@ -36,7 +38,9 @@ def run(tmp_path: Path) -> Path:
         "[effects]\nrow_driver = { r_ohm = 10 }\n"
     )
     made = plan.load(scene, "event")
-    output.write(tmp_path / "run", made, engines.run(made), ROWS)
+    output.write(
+        tmp_path / "run", made, engines.run(made), ROWS, lambda to: figures.save(Figure(), to / "frame.png")
+    )
     return tmp_path / "run"
 
 
@@ -63,19 +67,43 @@ def test_page_of_a_run_says_what_happened_and_asks_nothing_of_a_network(run: Pat
     assert "sensor_spread." in text, "the list of effects that are off is whole"
     body = re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
     assert body.index("some.&lt;script&gt;") < body.index("some.value_lsb")  # what missed comes first
+    # First screen: verdicts, the worst row, one picture that is not shown again.
+    lead = text[text.index('<div class="lead">') : text.index("<h2>Verdicts")]
+    assert ">1 FAIL<" in lead
+    assert "some.&lt;script&gt;" in lead
+    assert "3 lsb (at most 1)" in lead
+    assert text.count(base64.b64encode((run / "frame.png").read_bytes()).decode()) == 1
+    assert lead.count("<img") == 1
 
 
-def test_option_html_writes_tables_and_runs_of_a_command(tmp_path: Path) -> None:
+def test_the_row_nearest_to_its_limit_is_the_first_to_look_at() -> None:
+    near = verdict.within("near", 0.9, "", None, 1.0)
+    low = verdict.within("low", 100.0, "", 95.0, None)
+    exact = verdict.within("exact", 0, "", 0, 0)
+    assert html._worst_row([exact, ROWS[0], near, *ROWS[2:4]]) is near
+    assert html._worst_row([exact, near, low]) is low
+    assert html._worst_row([low, ROWS[1]]) is ROWS[1]
+    assert html._worst_row([verdict.error("bad", "no value"), ROWS[1]])["name"] == "bad"
+    assert html._worst_row([exact]) is exact
+    assert html._worst_row(ROWS[2:4]) is None
+
+
+@pytest.mark.parametrize(
+    ("scene", "said"),
+    [("single_touch", "Worst taxels"), ("direct_readout", "Code less the ideal code: all equal.")],
+)
+def test_option_html_writes_tables_and_runs_of_a_command(tmp_path: Path, scene: str, said: str) -> None:
     page = tmp_path / "page.html"
     done = CliRunner().invoke(
         cli,
-        ["run", "single_touch", "--out", str(tmp_path / "out"), "--html", str(page)],
+        ["run", scene, "--out", str(tmp_path / "out"), "--html", str(page)],
         standalone_mode=False,
     )
     assert done.exception is None
     text = page.read_text()
-    assert "run.taxels_at_full_scale.single_touch" in text
-    assert "Worst taxels" in text
+    assert f"run.taxels_at_full_scale.{scene}" in text
+    assert said in text
+    assert text.count("<figure>") == (3 if said == "Worst taxels" else 2)
 
 
 def test_option_html_of_a_command_with_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,9 +158,13 @@ def test_report_collects_every_table(tmp_path: Path, monkeypatch: pytest.MonkeyP
         html.report_command.callback(out=None)
     (tmp_path / "some.json").write_text(json.dumps(ROWS))
     (tmp_path / "good.json").write_text(json.dumps(ROWS[:1]))
+    figures.save(Figure(), tmp_path / "good.png")
     (tmp_path / "other.json").write_text('{"not": "rows"}')
     (tmp_path / "broken.json").write_text("{")
     assert html.report_command.callback(out=None) == 0
     assert {path.name for path in (tmp_path / "report").iterdir()} == {"index.html", "some.html", "good.html"}
     index = (tmp_path / "report" / "index.html").read_text()
     assert index.index("some.html") < index.index("good.html")  # what missed comes first
+    (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', index)
+    with Image.open(io.BytesIO(base64.b64decode(picture))) as image:
+        assert max(image.size) <= 240

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from dermis.machine_code import drop_stale
+from dermis.places import ROOT
 
 LOOP = """
 import numba
@@ -48,3 +49,28 @@ def test_a_change_in_a_function_that_a_loop_calls_reaches_the_loop(tmp_path: Pat
     (kit / "other.py").touch()  # perhaps a constant that the loop took in
     drop_stale(kit)
     assert not [*kit.glob("__pycache__/*.nbi")]
+
+
+ANNOUNCED = """
+import sys, numba
+sys.path.insert(0, {models!r})
+from dermis import machine_code
+machine_code.QUIET_S = 0.0
+machine_code.announce()
+machine_code.announce()  # once is enough
+@numba.njit(cache=True)
+def one(x):
+    return x + 1
+one(1)
+"""
+
+
+def test_a_first_compilation_is_announced_once_and_kept_code_is_loaded_in_silence(tmp_path: Path) -> None:
+    (tmp_path / "first.py").write_text(ANNOUNCED.format(models=str(ROOT / "models")))
+    said = []
+    for _ in range(2):
+        command = [sys.executable, "first.py"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
+        said.append(done.stderr.splitlines())
+    assert [line.partition(":")[0] for line in said[0]] == ["compiling once for this processor"]
+    assert said[1] == []

@@ -102,3 +102,18 @@ def test_no_file_cites_a_page_that_is_not_there() -> None:
         if name not in pages
     }
     assert not lost
+
+
+@pytest.mark.paper
+def test_the_page_of_the_paper_has_every_figure_and_the_codes_of_the_indenters() -> None:
+    text = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| (\d+) \|", text, re.M) == [str(figure) for figure in range(1, 12)]
+    named = {
+        int(n) for heading in re.findall(r"^## Fig\. (.*)", text, re.M) for n in re.findall(r"\d+", heading)
+    }
+    assert named == set(range(1, 12))
+    for shape in ("flat", "triangular", "cylindrical"):
+        (line,) = dermis.simulate(f"{shape}_indenter", engine="closed").codes[0, 8:9]
+        half = [str(code) for code in line[:8] if code]
+        (row,) = (found for found in text.splitlines() if found.startswith(f"| {shape} |"))
+        assert (", ".join(dict.fromkeys(half))) in row

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -110,3 +111,17 @@ def test_an_empty_environment_gets_a_library_and_a_command(wheel: Path, tmp_path
     assert "verilator" in run(
         [command, "run", "single_touch", "--engine", "rtl", "--simulator", "verilator"], away, 2
     )
+
+
+def test_the_version_is_the_same_wherever_it_stands(wheel: Path) -> None:
+    version = dermis.__version__
+    assert wheel.name.startswith(f"dermis-{version}-")
+    for name, form in (
+        ("CHANGELOG.md", r"^## (\S+) "),
+        ("CITATION.cff", r"^version: (.+)$"),
+        ("rtl/dermis.core", r"^name: ::dermis:(.+)$"),
+        ("docs/handover.md", r"`::dermis:(.+?)`"),
+    ):
+        found = re.search(form, (ROOT / name).read_text(encoding="utf-8"), re.M)
+        assert found is not None
+        assert found[1] == version, name

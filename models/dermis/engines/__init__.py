@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis import machine_code
 from dermis.array import solve_error
 from dermis.errors import InputError, quoted
 
@@ -135,7 +136,9 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: An
         raise error
     with solve_error.recording(*_lsb(plan)) as record:
         filtered = plan.filtered and plan.engine == "event"
-        result = _module("filter" if filtered else plan.engine).run(plan, progress, **options)
+        engine = _module("filter" if filtered else plan.engine)
+        machine_code.announce()
+        result = engine.run(plan, progress, **options)
     if report := record.report():
         result.info["array"] = report
     return result

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from dermis.engines import Result
@@ -78,8 +79,13 @@ def frame_figure(
     if not with_force:
         places, size = [["press", "codes"]], (11, 4.4) if size[1] > 7 else size
     figure = Figure(figsize=size, layout="constrained")
-    ratios = [1.3, 1] if places[0] == ["press", "codes"] and with_force else None
-    axes = figure.subplot_mosaic(places, height_ratios=ratios)
+    if len(places) == 2 and places[0] == ["press", "codes"]:
+        # Each row is laid out by itself, so that the lower one is as wide as maps and colour scale.
+        parts = figure.subfigures(2, 1, height_ratios=[1.3, 1])
+        axes = {name: found for part, row in zip(parts, places, strict=True)
+                for name, found in part.subplot_mosaic([row]).items()}  # fmt: skip
+    else:
+        parts, axes = [figure], figure.subplot_mosaic(places)
     frame = int(np.argmax(codes.reshape(codes.shape[0], -1).sum(axis=1, dtype=float)))
     which = f", frame {frame} of {made.frames}" if made.frames > 1 else ""
     code_max = made.timing.code_max
@@ -94,7 +100,7 @@ def frame_figure(
         axes[name].locator_params(integer=True)
     ticks, words = _scale(made, code_max)
     both = [axes["press"], axes["codes"]]
-    bar = figure.colorbar(image, ax=both, ticks=ticks, label=f"code (ideal {pressed})")
+    bar = parts[0].colorbar(image, ax=both, ticks=ticks, label=f"code (ideal {pressed})")
     bar.ax.set_yticklabels(words, fontsize=8)
     if with_force:
         _curves(made, codes, fit, axes["curve"], axes["rest"])
@@ -112,9 +118,10 @@ def _curves(
     """Draw code against force of every taxel with the fitted line, and the residual."""
     assert made.force_n is not None
     code_max = made.timing.code_max
-    full_n = 1.2 * float(made.force_of_duty(np.full(made.cols, 0.5)).max())
+    full_n = float(made.force_of_duty(np.full(made.cols, 0.5)).max())
+    ticks = [n for n in MaxNLocator(6).tick_values(0.0, full_n) if 0 <= n < 0.93 * full_n] + [full_n]
     force = made.force_n.ravel()
-    shown = np.isfinite(force) & (force <= full_n)  # a short is as good as an infinite force
+    shown = np.isfinite(force) & (force <= 1.2 * full_n)  # a short is as good as an infinite force
     if shown.any():
         cloud(curve, force[shown], codes.ravel()[shown], f"{int(shown.sum())} codes")
     if fit is not None:
@@ -130,7 +137,10 @@ def _curves(
     for axes in (curve, rest):
         axes.set_xlabel("force on the taxel / N")
         axes.grid(alpha=0.3)
+        axes.set_xlim(-0.02 * full_n, 1.02 * force[shown].max(initial=full_n))
+        axes.set_xticks(ticks, [f"{n:.3g}" for n in ticks])
     if fit is None:
+        rest.set_yticks([])
         rest.text(0.5, 0.5, "no line to fit", ha="center", transform=rest.transAxes)
         return
     below = np.isfinite(made.force_n) & (made.timing.gate_clocks * made.duty_ideal() <= code_max)

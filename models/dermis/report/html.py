@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import base64
 import datetime
+import io
 import json
 import shlex
 import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
+from PIL import Image
 
 from dermis import plan
 from dermis.converter import vfc
@@ -55,12 +58,15 @@ def write(
     title : its heading
     tables : verdict rows by the name of their target
     runs : directories that `dermis run` or the like has filled
-    images : figures of the command, PNG
+    images : figures of the command, PNG; the first is on the first screen, else that of the first run
     command : the command that repeats it; that of this process by default
     """
     command = ["dermis", *sys.argv[1:]] if command is None else command
+    picture = _picture(runs, images)
     page = _page(
         title=title,
+        picture=picture,
+        worst=_worst_row([row for rows in tables.values() for row in rows]),
         text=f"{_utc()}. Repeat with:",
         command=shlex.join(command),
         tables={
@@ -68,7 +74,7 @@ def write(
         },
         runs=[_run(directory) for directory in runs[:RUNS_DRAWN]],
         more=runs[RUNS_DRAWN:],
-        images=images,
+        images=[image for image in images if image != picture],
         versions=output.versions(),
     )
     write_atomic(path, page)
@@ -85,12 +91,51 @@ def _page(**said: Any) -> str:
     )
     page = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
         png=lambda path: markup(base64.b64encode(path.read_bytes()).decode()),
+        thumbnail=lambda path: markup(base64.b64encode(_thumbnail(path)).decode()),
+        words=verdict.in_words,
         style=markup(STYLE.read_text(encoding="utf-8")),
         marks=(*ORDER, "on"),
         counts=_counts,
         **said,
     )
     return str(page)
+
+
+def _picture(runs: Sequence[Path], images: Sequence[Path]) -> Path | None:
+    """Return the figure that stands for a page: the first of the command, or that of its first run."""
+    found = [*images, *(path for run in runs[:1] if (path := run / "frame.png").is_file())]
+    return found[0] if found else None
+
+
+def _thumbnail(path: Path) -> bytes:
+    """Return a figure as PNG of at most 240 x 150 pixels."""
+    out = io.BytesIO()
+    with Image.open(path) as image:
+        image.thumbnail((240, 150))
+        image.save(out, "png", optimize=True)
+    return out.getvalue()
+
+
+def _worst_row(rows: Sequence[Row]) -> Row | None:
+    """Return the row to look at first: one that missed, else the one nearest to its limit, or None.
+
+    A limit of 0 that is met has no distance; such rows come last.
+    """
+
+    def used(row: Row) -> float:
+        if row["status"] in ("ERROR", "FAIL"):
+            return {"ERROR": 3.0, "FAIL": 2.0}[row["status"]]
+        value, low, high = row["value"], row["min"], row["max"]
+        shares = [value / high] if high is not None and high > 0 else []
+        shares += [low / value] if low is not None and low > 0 else []
+        return max(shares, default=-1.0)
+
+    judged = [row for row in rows if row["status"] in ("ERROR", "FAIL") or _judged(row)]
+    return max(judged, key=used, default=None)
+
+
+def _judged(row: Row) -> bool:
+    return row["status"] == "PASS" and (row["min"], row["max"]) != (None, None)
 
 
 def _utc(seconds: float | None = None) -> str:
@@ -137,12 +182,14 @@ def _maps(made: Plan, codes: NDArray[Any]) -> list[Any]:
     which = f", frame {frame} of {made.frames}" if made.frames > 1 else ""
     read = decode(made, codes[frame]).force_n
     off = codes[frame].astype(float) - _ideal(made)[frame]
-    most = max(1.0, float(np.abs(off).max()))
-    return [
-        _map(f"Code{which}", codes[frame].astype(float), "code"),
+    maps = [
+        _map(f"Code{which}", codes[frame].astype(float), ""),
         _map(f"Force read{which}", np.where(np.isfinite(read), read, np.nan), "N"),
-        _map(f"Code less the ideal code{which}", off, "LSB", "RdBu", (-most, most)),
     ]
+    if not off.any():  # a map of one colour would say less
+        return maps
+    most = float(np.abs(off).max())
+    return [*maps, _map(f"Code less the ideal code{which}", off, "LSB", "RdBu", (-most, most))]
 
 
 def _map(
@@ -158,10 +205,11 @@ def _map(
     shares = (values - low) / (high - low if high > low else 1.0)
     colours = [[to_hex(colour) for colour in row] for row in colormaps[palette](shares)]
     words = [
-        [f"row {r}, column {c}: {v:.4g} {label}" for c, v in enumerate(row)] for r, row in enumerate(values)
+        [f"row {r}, column {c}: {v:.4g} {label}".rstrip() for c, v in enumerate(row)]
+        for r, row in enumerate(values)
     ]
     cells = [list(zip(*row, strict=True)) for row in zip(colours, words, strict=True)]
-    return {"title": f"{title}, {low:.3g} to {high:.3g} {label}", "cells": cells}
+    return {"title": f"{title}, {low:.3g} to {high:.3g} {label}".rstrip(), "cells": cells}
 
 
 def _worst(made: Plan, codes: NDArray[Any]) -> tuple[list[str], list[list[Any]]]:
@@ -193,11 +241,12 @@ def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
     if path.is_dir() or not path.parent.is_dir():
         raise InputError("command line", "--html", str(path), "a file in a directory that is there")
     tables, runs = len(verdict.WRITTEN), len(output.WRITTEN)
+    start = time.time()
     code = call()
     written = dict(verdict.WRITTEN[tables:])
     done = list(dict.fromkeys(output.WRITTEN[runs:]))
-    # run and sim leave codes; the other commands leave figures of their own.
-    images = [] if done else [image for target in written for image in _images(target)]
+    # Figures of an earlier call are not this one's.
+    images = [i for target in written for i in _images(target) if not done or i.stat().st_mtime >= start]
     write(path, f"dermis {name}", written, done, images)
     return code
 
@@ -222,18 +271,20 @@ def report_command(out: Path | None) -> int:
         if not rows:
             continue
         runs = sorted(path.parent for path in (BUILD / name).glob("*/summary.json"))
-        images = [] if runs else _images(name)
+        images = _images(name)
         write(out / f"{name}.html", name, {name: rows}, runs, images, ["dermis", name])
         counts = _counts(rows)
         worst = next((status for status in ("ERROR", "FAIL") if counts[status]), "PASS")
         link = {"href": f"{name}.html", "text": name}
-        lines.append((link, worst, *counts.values(), _utc(table.stat().st_mtime)))
+        lines.append(
+            (_picture(runs, images) or "", link, worst, *counts.values(), _utc(table.stat().st_mtime))
+        )
     if not lines:
         raise InputError(
             "build", "*.json", "nothing", "verdict tables; run a target first, such as `make sim`"
         )
-    lines.sort(key=lambda line: ORDER.index(line[1]))
-    heads = ("target", "", *verdict.COLOURS, "measured")
+    lines.sort(key=lambda line: ORDER.index(line[2]))
+    heads = ("picture", "target", "result", *verdict.COLOURS, "measured")
     text = "Every verdict table of this checkout; those that missed come first."
     write_atomic(
         out / "index.html", _page(title="dermis: report", text=text, heads=heads, index=lines, tables={})

@@ -150,6 +150,17 @@ def console() -> Console:
     return found if found.is_terminal else Console(width=150)
 
 
+def in_words(row: Row) -> str:
+    """Return value, unit and limits of a row as text."""
+    limits = [
+        f"{word} {row[key]:.6g}"
+        for word, key in (("at least", "min"), ("at most", "max"))
+        if row[key] is not None
+    ]
+    value = "no value" if row["value"] is None else f"{row['value']:.4g} {row['unit']}"
+    return f"{value} ({' and '.join(limits)})" if limits else value
+
+
 def print_table(
     title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[str]
 ) -> Console:

@@ -63,4 +63,5 @@ def test_power_is_half_of_c_v_squared_a_change_and_what_cells_add(tmp_path: Path
     assert found["cells"] == 2 * 10 * 5.0 / 100
     for name, pin, changes in (("clock", "CLK", 10), ("nets", "D", 4)):
         about = 0.5 * 2 * (pins[pin] + SKY130.wire_ff_per_sink) * 4 * changes / 100
+        # Capacitances of pins above have two digits.
         assert found[name] == pytest.approx(about, rel=0.1)
