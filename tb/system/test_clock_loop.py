@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from system_bench import MakePlan
 
-from dermis.chip import hdl, ngspice
+from dermis.chip import hdl
 from dermis.errors import SimulatorError
+from dermis.lockstep import ngspice
 from tb.programs.bench.circuit import in_simulator
 from tb.reference import python_loop
 from tb.reference.python_loop import Job

@@ -15,7 +15,7 @@ from dermis.scene.design import ROOT
 RC = """
     from pathlib import Path
     from dermis.errors import SimulatorError
-    from dermis.chip.ngspice import Deck, NgspiceHalf
+    from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
     def half(lines=(), sources=("v_d",), probes=("out",), t_stop=1e-5, **more):
         deck = Deck(("test", "v_d d 0 external", "r1 d out 1k", "c1 out 0 1n", *lines), sources, (0.0,) * len(sources),
@@ -93,7 +93,7 @@ def test_misuse_is_refused_with_the_words_of_ngspice(tmp_path: Path, code: str, 
 
 
 def test_the_driver_compiles_without_a_warning() -> None:
-    sources = [str(path) for path in (ROOT / "models" / "dermis" / "chip").glob("*.c")]
+    sources = [str(path) for path in (ROOT / "models" / "dermis" / "lockstep").glob("*.c")]
     command = ["cc", "-Wall", "-Wextra", "-Werror", "-O2", "-D_GNU_SOURCE", "-fsyntax-only", *sources]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr

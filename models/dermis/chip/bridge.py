@@ -21,9 +21,9 @@ from cocotb.triggers import FallingEdge, RisingEdge, SimTimeoutError, Timer, wit
 from numpy.typing import NDArray
 
 from dermis.chip import read_out, register_map, spi_protocol
-from dermis.chip.analog import AnalogHalf
-from dermis.chip.clock_loop import ClockLoop, Net, Output, Timebase
 from dermis.errors import SimulatorError
+from dermis.lockstep.clock_loop import ClockLoop, Net, Output, Timebase
+from dermis.lockstep.half import AnalogHalf
 from dermis.records import Timing
 
 START_CLOCKS = 64

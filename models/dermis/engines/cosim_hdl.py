@@ -16,14 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from dermis.chip import bridge, ladder, netlist
+from dermis.chip import bridge, netlist
 from dermis.chip.analog import ExactHalf
-from dermis.chip.ngspice import NgspiceHalf
 from dermis.chip.split import SplitHalf, Workers
 from dermis.engines.cosim import JOB_VARIABLE, STATISTICS, Job
 from dermis.engines.masking import Block
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
+from dermis.lockstep import ladder
+from dermis.lockstep.ngspice import NgspiceHalf
 from dermis.processes import cpu_time
 
 

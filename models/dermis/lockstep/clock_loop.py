@@ -15,9 +15,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip import ngspice
-from dermis.chip.analog import AnalogHalf, Edge
 from dermis.errors import SimulatorError
+from dermis.lockstep import ngspice
+from dermis.lockstep.half import AnalogHalf, Edge
 
 _RUNNING, _ENDED, _WRONG = 1, 2, 3  # of `enum state` in clock_loop.c
 _SOLVE = ctypes.CFUNCTYPE(

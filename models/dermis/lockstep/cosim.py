@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any Verilog with any SPICE in lock-step: digital edges at their exact times, inside a cocotb test.
-
-The page docs/lockstep.md shows three examples and lists the restrictions. This module knows nothing
-of this project's chip, which is built on the same loop (dermis.chip.clock_loop).
-"""
+"""A circuit of ngspice that runs with the Verilog of a cocotb test."""
 
 from __future__ import annotations
 
@@ -18,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip.clock_loop import ClockLoop, Net, Output, Timebase
-from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.errors import InputError
+from dermis.lockstep.clock_loop import ClockLoop, Net, Output, Timebase
+from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
 RESET_CLOCKS = 3
 IDLE_STEPS = 100

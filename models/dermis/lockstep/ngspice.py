@@ -22,9 +22,9 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip import ladder
-from dermis.chip.analog import Edge
 from dermis.errors import SimulatorError, tool_path
+from dermis.lockstep import ladder
+from dermis.lockstep.half import Edge
 from dermis.places import BUILD
 from dermis.processes.children import run_child
 
@@ -134,7 +134,7 @@ def _texts(items: Sequence[str]) -> ctypes.Array[ctypes.c_char_p]:
 
 
 class NgspiceHalf:
-    """One ngspice transient as an analog half (see dermis.chip.analog.AnalogHalf).
+    """One ngspice transient as an analog half (see dermis.lockstep.half.AnalogHalf).
 
     Parameters
     ----------
