@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis import effects, fields
-from dermis.array.array import Network
+from dermis.array.network import Network
 from dermis.converter.vfc import Converter
 from dermis.scene.scene import Scene
 from dermis.scene.sensor import Sensor

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dermis import bounds, effects, records
 from dermis import plan as planning
-from dermis.converter import decide, vfc
+from dermis.converter import decide, vfc_loops
 from dermis.engines import event, filter
 from dermis.errors import InputError
 from dermis.scene import scene, schema
@@ -109,7 +109,7 @@ def violations(plan: records.Plan) -> int:
     return int(((codes < least) | (codes > most)).sum())
 
 
-_counts = np.vectorize(vfc.count_one, otypes=[int])
+_counts = np.vectorize(vfc_loops.count_one, otypes=[int])
 
 
 def wrong(name: str, trial: int) -> int:

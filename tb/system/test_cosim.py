@@ -5,19 +5,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from system_bench import FaultyChip, MakePlan
 
 from dermis import engines
+from dermis.chip import netlist
 from dermis.chip.analog import ExactHalf
 from dermis.chip.netlist import integrator_nodes
 from dermis.engines import Result, closed, cosim
 from dermis.errors import InputError, SimulatorError
+from dermis.lockstep.ngspice import Deck
 from dermis.report import comparison
 from dermis.report.waves import trace
 from dermis.scene.design import TOPOLOGIES
+from tb.reference.ladder_circuits import LEAP
 
 UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
 
@@ -221,33 +225,19 @@ def test_the_judge_catches_one_wrong_code(resistance_plan: MakePlan) -> None:
     assert exact_row(wrong)["value"] == 1
 
 
-# Wherever the co-simulation makes a deck, there or in the parent, a circuit that ngspice gives up in mid-run stands
-# beside the converters and touches them nowhere.
-LEAPING = """
-import os
-if "DERMIS_COSIM_JOB" in os.environ:
-    import dataclasses
-    from dermis.chip import netlist
-    from tb.reference.ladder_circuits import LEAP
-    plain = netlist.frame_deck
-    def frame_deck(*arguments, **options):
-        deck = plain(*arguments, **options)
-        return dataclasses.replace(deck, lines=(*deck.lines, *LEAP))
-    netlist.frame_deck = frame_deck
-"""
-
-
 @pytest.mark.paper
 def test_a_frame_given_up_in_mid_run_is_read_again_on_the_next_rung(
-    resistance_plan: MakePlan,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
+    resistance_plan: MakePlan, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     made = resistance_plan(of_codes(np.array([[100]])))
-    (tmp_path / "hook").mkdir()
-    (tmp_path / "hook" / "sitecustomize.py").write_text(LEAPING)
-    monkeypatch.syspath_prepend(tmp_path / "hook")  # the simulator has the path of this process
+    plain = netlist.frame_deck
+
+    def leaping(*arguments: Any, **options: Any) -> Deck:
+        """Add a circuit that ngspice gives up in mid-run and that touches no converter."""
+        deck = plain(*arguments, **options)
+        return replace(deck, lines=(*deck.lines, *LEAP))
+
+    monkeypatch.setattr(netlist, "frame_deck", leaping)
     got = cosim.run(made)
     assert got.codes.tolist() == [[[100]]]
     ((frame, (retry,)),) = got.info["retries"].items()

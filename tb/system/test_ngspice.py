@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -10,11 +12,12 @@ from pathlib import Path
 
 import pytest
 
+from dermis.lockstep import ngspice
 from dermis.scene.design import ROOT
 
 RC = """
     from pathlib import Path
-    from dermis.errors import SimulatorError
+    from dermis.errors import DermisError
     from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
     def half(lines=(), sources=("v_d",), probes=("out",), t_stop=1e-5, **more):
@@ -26,8 +29,8 @@ RC = """
     def refused(call):
         try:
             call()
-        except SimulatorError as error:
-            print("refused:", error)
+        except DermisError as error:
+            print("refused:", error.exit_code, error)
         else:
             print("accepted")
 """
@@ -76,7 +79,6 @@ def test_an_rc_charges_as_the_formula_says(tmp_path: Path) -> None:
             "before the last one of its source has ended",
         ),
         ("h = half(['v_x x 0 external', 'r2 x 0 1k']); refused(lambda: h.advance(1e-6, []))", "v_x"),
-        ("h = half(probes=('nowhere',)); refused(lambda: h.advance(1e-6, []))", "refused"),
         ("refused(lambda: half(['x1 a b nosuchblock']).advance(1e-6, []))", "nosuchblock"),
         (
             "h = half(t_stop=1e-6); h.advance(1e-6, []); refused(lambda: h.advance(2e-6, []))",
@@ -90,6 +92,86 @@ def test_misuse_is_refused_with_the_words_of_ngspice(tmp_path: Path, code: str, 
     found = run(tmp_path, code)
     assert "refused:" in found
     assert said in found
+
+
+FAULTS = {
+    "a source that is not external": (
+        "half(['v_e e 0 1'], ('v_d', 'v_e'))",
+        "source = v_e: an external source",
+    ),
+    "a source that is not there": ("half((), ('v_d', 'v_e'))", "source = v_e: an external source"),
+    "one of two probes": ("half(probes=('out', 'nowhere'))", "probe = nowhere: a node of the circuit"),
+    "the only probe": ("half(probes=('nowhere',))", "probe = nowhere: a node of the circuit"),
+    "a value": (
+        "half(['v_e e 0', '* c', '+ dc=0 external'], ('v_d', 'v_e'))",
+        "line 5 = v_e e 0 dc=0 external: name node",
+    ),
+    "a value without dc": (
+        "half(['V_E e GND 0 External ; x'], ('v_d', 'v_e'))",
+        "line 5 = V_E e GND 0 External: name",
+    ),
+    "a value in a file": (
+        "half(['.include \"part.inc\"'], ('v_d', 'v_e'))",
+        "part.inc: line 2 = v_e e 0 0 external",
+    ),
+    "sources in parallel": (
+        "half(['r2 a 0 1', 'v2 gnd d 0'])",
+        "line 6 = v2 gnd d 0: no voltage source in parallel",
+    ),
+    "a current source": (
+        "half(['i_e e 0 external'], ('v_d', 'i_e'))",
+        "line 5 = i_e e 0 external: an external",
+    ),
+    "a command": ("half(['.control', 'quit', '.endc'])", "line 5 = .control: no .control block"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_wrong_netlist_is_wrong_input_named_with_its_line(tmp_path: Path, fault: str) -> None:
+    (tmp_path / "part.inc").write_text("* a part\nv_e e 0 0 external\n")
+    code, said = FAULTS[fault]
+    (found,) = run(tmp_path, f"refused(lambda: {code}.advance(0.0, []))").splitlines()
+    assert found.startswith("refused: 2 netlist: " if "part.inc" not in said else "refused: 2 part.inc: ")
+    assert said in found
+
+
+def test_sources_that_are_not_in_parallel_are_taken(tmp_path: Path) -> None:
+    """Across other nodes, in a subcircuit, in a comment, in the title."""
+    lines = ["v2 e d 0", "r2 e 0 1k", ".subckt b d", "v3 d 0 1", "v4 d 0 1", ".ends", "* v5 d 0 1"]
+    assert "accepted" in run(tmp_path, f"refused(lambda: half({lines}).advance(0.0, []))")
+
+
+def test_another_compiler_flag_or_ngspice_makes_another_driver(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ngspice, "BUILD", tmp_path)
+    found = [ngspice.library(), ngspice.library()]
+    assert found[0] == found[1]
+    wrapper = tmp_path / "compiler"
+    wrapper.write_text('#!/bin/sh\nexec cc "$@"\n')
+    wrapper.chmod(0o755)
+    with monkeypatch.context() as other:
+        other.setenv("CC", str(wrapper))
+        found.append(ngspice.library())
+    with monkeypatch.context() as other:
+        other.setattr(ngspice, "FLAGS", ("-g", *ngspice.FLAGS))
+        found.append(ngspice.library())
+    with monkeypatch.context() as other:
+        own = shutil.copy(ngspice._loaded_ngspice()[0], tmp_path / "libngspice.so.0")
+        other.setattr(ngspice, "_loaded_ngspice", lambda: [Path(own)])
+        found.append(ngspice.library())
+    assert len(set(found)) == 4
+
+
+def test_the_ngspice_of_the_key_is_the_one_that_is_loaded(tmp_path: Path) -> None:
+    own = shutil.copy(ngspice._loaded_ngspice()[0], tmp_path / "libngspice.so.0")
+    code = "from dermis.lockstep import ngspice; print(ngspice._loaded_ngspice()[0])"
+    environment = {**os.environ, "LD_LIBRARY_PATH": str(tmp_path)}
+    command = [sys.executable, "-c", code]
+    said = subprocess.run(
+        command, capture_output=True, text=True, timeout=60, env=environment, check=True
+    ).stdout
+    assert said.strip() == str(own)
 
 
 def test_the_driver_compiles_without_a_warning() -> None:

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.array import star_mesh
 from dermis.errors import SimulatorError
 
 Floats = NDArray[np.float64]
@@ -170,6 +169,8 @@ class ErrorRecord:
                 total, error = driven, of(part, np.abs(driven))
                 if rest is not None:
                     total, error = driven + rest, error + rest_error
+            from dermis.array import star_mesh  # compiled: numba takes 0.4 s to load
+
             worst, row, column = star_mesh.worst_code(total, error, self.reach_a, self.lsb_a)
             where = f"row {row}, column {column}"
         if not worst <= LIMIT_LSB:

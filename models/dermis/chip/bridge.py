@@ -24,7 +24,7 @@ from dermis.chip import read_out, register_map, spi_protocol
 from dermis.errors import SimulatorError
 from dermis.lockstep.clock_loop import ClockLoop, DrivenClock, Net, Output, Timebase, unit_s
 from dermis.lockstep.half import AnalogHalf
-from dermis.records import Timing
+from dermis.timing import Timing
 
 START_CLOCKS = 64
 """More than from enable to a frame's first edge, and from there to its first row without the break."""

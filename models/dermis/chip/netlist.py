@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis import fields
-from dermis.array.array import Network
+from dermis.array.network import Network
 from dermis.chip import sky130
 from dermis.chip.spice_text import array_subckt, spice_number
 from dermis.errors import InputError
@@ -101,12 +101,6 @@ def ranges_of(plan: Plan) -> tuple[int, ...]:
     """Return the range of each column's k, as the chip's registers have it; none for the direct interface."""
     options = plan.scene.design.interface.k_options
     return () if plan.topology == "direct" else tuple(options.index(k) for k in plan.converter.k.tolist())
-
-
-def ratios(plan: Plan, ranges: Sequence[int]) -> list[float]:
-    """Return k of each column in its range."""
-    options = plan.scene.design.interface.k_options
-    return [float(options[r]) for r in ranges] if ranges else plan.converter.k.tolist()
 
 
 def honours(plan: Plan) -> frozenset[str]:
@@ -214,8 +208,8 @@ def _includes(views: Views, topology: str) -> list[str]:
     ]
 
 
-def _channel_parameters(plan: Plan, network: Network, column: int, k: float) -> dict[str, float]:
-    """Parameters of one channel of ratio k that are away from the ideal channel, and the packet."""
+def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, float]:
+    """Parameters of one channel that are away from the ideal channel, and the packet."""
     converter = plan.converter
     direct = plan.topology == "direct"
     packet_v = float(converter.packet_v()[column])
@@ -237,7 +231,7 @@ def _channel_parameters(plan: Plan, network: Network, column: int, k: float) -> 
     if direct:
         ideal["int_v_offset_v"] = (network.v_column_offset_v, 0.0)
     else:
-        values["k"] = float(k)
+        values["k"] = float(converter.k[column])
         copies = "conv_gain_error" if plan.topology == "multi_output_conveyor" else "mir_ratio_error"
         ideal |= {
             "conv_r_x_ohm": (np.maximum(network.r_column_ohm - network.r_pad_column_ohm, 0.0), 0.0),
@@ -277,7 +271,6 @@ def frame_deck(
     record: bool = False,
     columns: Sequence[int] | None = None,
     first_row: int = 0,
-    ranges: Sequence[int] | None = None,
 ) -> Deck:
     """Write the deck of one frame.
 
@@ -296,8 +289,6 @@ def frame_deck(
         All columns and the row drivers by default.
     first_row : int
         Row whose driving is time zero: of ripple and motion the deck has what they are there in a scan of all rows.
-    ranges : sequence of int, optional
-        Range that the chip's pins select for each column; by default that of the scene's k.
 
     Returns
     -------
@@ -308,8 +299,7 @@ def frame_deck(
     rows, cols = network.rows, network.cols
     driven = not columns or () not in parts(plan)
     columns = tuple(range(cols)) if columns is None else tuple(columns)
-    ranges = ranges_of(plan) if ranges is None else ranges
-    k = ratios(plan, ranges)
+    ranges = ranges_of(plan)
     views = plan.views.at(columns)
     if not driven:
         views = dataclasses.replace(views, row_driver="behavioural")
@@ -379,9 +369,11 @@ def frame_deck(
                 for bit in (0, 1)
             ]
         elif in_transistors:
-            values = _assignments({"k": plan.scene.table.interface.k if direct else k[c]})
+            values = _assignments(
+                {"k": plan.scene.table.interface.k if direct else float(plan.converter.k[c])}
+            )
         else:
-            values = _assignments(_channel_parameters(plan, network, c, k[c]))
+            values = _assignments(_channel_parameters(plan, network, c))
         references = "0 0 ibias"
         if biased:
             references = f"vref agnd ibias{c}"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from dermis.chip import spi_protocol
 from dermis.errors import SimulatorError
-from dermis.records import Timing
+from dermis.timing import Timing
 
 
 def frame_bytes(timing: Timing, cols: int, rows: int | None = None) -> int:

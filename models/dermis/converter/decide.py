@@ -10,9 +10,11 @@ import numba
 import numpy as np
 
 from dermis import bounds as of
+from dermis.converter import bound_loops as loops
 from dermis.converter import noise
 from dermis.converter.course import FAR, approach, log_of
-from dermis.converter.vfc import Y_MIN, count_one
+from dermis.converter.vfc import Y_MIN
+from dermis.converter.vfc_loops import count_one
 
 # Duty beyond which a larger current changes no code: 1/2 is full scale.
 X_CLIP = 0.75
@@ -315,7 +317,7 @@ def _cell(gate, table, row, kappa, g_column, swing_sum, c):  # type: ignore
     if gate.direct:
         across += g_column
     across = min(across * table[of.CROSS, c], 1e12)
-    return of.Cell(
+    return loops.Cell(
         1.0 * gate.clocks, math.sqrt(gate.clocks), min(max(x, -clip), clip), min(max(low, -_X_LARGE), clip),
         min(max(high, -_X_LARGE), _X_LARGE), row[SWING, c], swing_sum, gate.swing_reach, row[BENT, c], row[MOVES, c],
         late, known, across * table[of.LEAK, c], across, table[of.THERMAL, c] * g_column, packet,
@@ -332,9 +334,9 @@ def _bound_cell(on, table, s, apart, c, tally):  # type: ignore
     Returns (sums over effects, shift, the part of the error that always holds, what grows with the path, whether the
     cell is quiet, whether a comparator with a window holds the packet before).
     """
-    a = of.total(s, on, abs(table[of.AWAY, c]) + table[of.PRESET, c], tally)
-    left, doubtful = of.late(s, a.loose, a.levels)
-    if of.quiet(s, a.loose, a.levels):
+    a = loops.total(s, on, abs(table[of.AWAY, c]) + table[of.PRESET, c], tally)
+    left, doubtful = loops.late(s, a.loose, a.levels)
+    if loops.quiet(s, a.loose, a.levels):
         return a, a.shift + left, a.rest + doubtful + ROUNDING + apart, a.climb, True, left > doubtful
     return a, 0.0, a.whole + ROUNDING + apart, 0.0, False, False
 

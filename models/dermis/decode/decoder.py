@@ -18,7 +18,7 @@ from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
 from dermis.decode.law import force_of
 from dermis.decode.memory import SheetMemory, undo_frame
-from dermis.scene.sensor import advance_creep
+from dermis.scene.sensor_loops import advance_creep
 
 Floats = NDArray[np.float64]
 

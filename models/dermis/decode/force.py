@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dermis.converter.vfc import W_PRESET
-from dermis.decode import crosstalk
 from dermis.records import Plan
 
 Floats = NDArray[np.float64]
@@ -127,6 +126,8 @@ def taxels_alone(plan: Plan, x: Floats) -> Floats:
         return x
     unit_a = plan.converter.k * plan.converter.i0_a
     currents = (np.asarray(x, dtype=float) * unit_a).reshape(-1, *x.shape[-2:])
+    from dermis.decode import crosstalk  # compiled
+
     solved = crosstalk.solve(network, currents)
     found = np.where(solved.converged[:, None, None], solved.conductance_s, np.nan)
     return (found * (plan.v_bias_v / unit_a)).reshape(x.shape)

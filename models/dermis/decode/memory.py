@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from dermis.errors import InputError
 from dermis.files import atomic
-from dermis.scene.sensor import advance_creep, creep_rates
+from dermis.scene.sensor import creep_rates
+from dermis.scene.sensor_loops import advance_creep
 
 Floats = NDArray[np.float64]
 

@@ -143,10 +143,10 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: An
 
 def _check_sources(plan: Plan) -> None:
     """Refuse a plan that has no solution: taxels of 0 ohm across ideal sources."""
-    from dermis.array import array
-
     if not plan.network(0).v_column_offset_v.any():
         return
+    from dermis.array import array
+
     try:
         array.refuse_loops(plan.network(0), plan.conductance_s())
     except array.NoSolution as error:

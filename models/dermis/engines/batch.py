@@ -21,7 +21,7 @@ import numpy as np
 
 from dermis import engines
 from dermis.array import solve_error
-from dermis.engines import Result, filter, masking
+from dermis.engines import Result, masking
 from dermis.errors import InputError, SimulatorError
 from dermis.places import PACKAGE, ROOT
 from dermis.processes import pool
@@ -147,15 +147,20 @@ def _joined(parts: list[Result], frames: list[int]) -> Result:
         return values[0] if all(np.array_equal(values[0], v) for v in values[1:]) else None
 
     info = {name: join([part.info.get(name) for part in parts]) for name in parts[0].info}
-    for name, merged in _MERGED.items():
+    for name in ("array", "filter", "masked"):  # neither arrays by frame nor alike in all parts
         if values := [part.info[name] for part in parts if name in part.info]:
-            info[name] = merged(values)
+            info[name] = _merged(name)(values)
     info = {name: value for name, value in info.items() if value is not None}
     return Result(join([part.codes for part in parts]), info)
 
 
-_MERGED = {"array": solve_error.merged, "filter": filter.merged, "masked": masking.merged}
-"""Further results that are neither arrays by frame nor alike in all parts."""
+def _merged(name: str) -> Callable[[list[dict[str, Any]]], dict[str, Any]]:
+    """Return the function that joins the tables of several parts."""
+    if name == "filter":
+        from dermis.engines import filter  # compiled
+
+        return filter.merged
+    return solve_error.merged if name == "array" else masking.merged
 
 
 def _run_part(part: Plan, options: dict[str, Any]) -> Result:

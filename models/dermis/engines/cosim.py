@@ -16,7 +16,6 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,7 +23,7 @@ import numpy as np
 
 from dermis.chip import hdl, netlist
 from dermis.engines import Result, masking
-from dermis.engines.masking import Block
+from dermis.engines.cosim_job import JOB_VARIABLE, STATISTICS, Block, Job, Solver
 from dermis.errors import InputError, SimulatorError
 from dermis.lockstep import ladder
 from dermis.processes import children
@@ -44,10 +43,6 @@ FRAMES_A_PROCESS = 4
 enough to pay.
 """
 
-JOB_VARIABLE = "DERMIS_COSIM_JOB"
-STATISTICS = ("accepted", "rejected", "loads")
-"""Counts of ngspice's time points, and of its evaluations of sources."""
-
 _cores = threading.BoundedSemaphore(os.cpu_count() or 1)  # over every run of this process, not each
 
 SLOT_LIMIT_S = 120.0
@@ -64,40 +59,6 @@ four runs may share it."""
 def refuses(plan: Plan) -> InputError | None:
     """Return the error for a plan outside the limits of the chip or of its transistors, or None."""
     return hdl.beyond_the_chip(plan) or netlist.refuses(plan)
-
-
-@dataclass(frozen=True)
-class Solver:
-    """How ngspice steps: edges last t_edge_s, no step is longer than t_max_step_s.
-
-    `options` is an `.options` line after the deck's own; ngspice takes the later of two values.
-    """
-
-    t_edge_s: float = 1e-9
-    t_max_step_s: float = 1e-6
-    options: str = ""
-
-
-@dataclass(frozen=True)
-class Job:
-    """Work of one child process; see dermis.engines.cosim_hdl.
-
-    `scans` are runs of the chip from a reset: blocks of the same rows, read frame after frame.
-    """
-
-    plan: Plan
-    scans: tuple[tuple[Block, ...], ...]
-    simulator: str
-    build: Path
-    sync_latch: bool
-    analog: Literal["ngspice", "exact"]
-    solver: Solver = field(default_factory=Solver)
-    record: bool = False
-
-    @property
-    def slots(self) -> list[tuple[int, int]]:
-        """Frame and row of every slot, in the order in which they are read."""
-        return [(block.frame, row) for scan in self.scans for block in scan for row in block.rows]
 
 
 def run(
@@ -147,7 +108,7 @@ def run(
     build = hdl.build(simulator, "dermis_top", hdl.reader_parameters(plan, sync_latch))
     ended = threading.Event()
 
-    def scanned(blocks: tuple[Block, ...], files: Path) -> list[dict[str, Any]]:
+    def scanned(blocks: tuple[masking.Block, ...], files: Path) -> list[dict[str, Any]]:
         slots = sum(len(block.rows) for block in blocks)
         masked = plan.frames * plan.rows - slots
         jobs = max(min(os.cpu_count() or 1, len(blocks)), math.ceil(slots / plan.rows / FRAMES_A_PROCESS))
@@ -164,9 +125,11 @@ def run(
             mine = blocks[index * len(blocks) // jobs : (index + 1) * len(blocks) // jobs]
             # Whole frames follow each other, as the chip scans them by itself. A mask is written after a reset.
             scans = tuple((block,) for block in mine) if masked else (mine,)
-            job = Job(plan, scans, simulator, build, sync_latch, analog, solver or Solver(), record)
             with _cores:
-                return _run_job(job, files / f"job_{index}", on_slots)
+                made = tuple(tuple(_block(plan, block, analog, record) for block in scan) for scan in scans)
+                ranges, steps = netlist.ranges_of(plan), solver or Solver()
+                job = Job(plan.timing, plan.cols, ranges, made, sync_latch, steps, record)
+                return _run_job(job, plan, simulator, build, files / f"job_{index}", on_slots)
 
         with ThreadPoolExecutor(max(jobs, 1)) as pool:
             futures = [pool.submit(one, i) for i in range(jobs)]
@@ -210,12 +173,28 @@ def _retries(part: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _run_job(job: Job, directory: Path, on_slots: Callable[[int], None]) -> dict[str, Any]:
+def _block(plan: Plan, block: masking.Block, analog: str, record: bool) -> Block:
+    """Return a block with its circuits: decks, or duties of the exact half."""
+    frame, rows = block.frame, block.rows
+    if analog == "exact":
+        duty = plan.v_bias_v * plan.conductance_s(frame) / (plan.converter.k * plan.converter.i0_a)
+        return Block(frame, rows, {}, duty)
+    levels = [0.0] * (plan.rows + 1 + plan.cols)  # those of the chip's pins come later
+    decks = {
+        part: netlist.frame_deck(plan, frame, levels, record=record, columns=part, first_row=block.first)
+        for part in netlist.parts(plan)
+    }
+    return Block(frame, rows, decks)
+
+
+def _run_job(
+    job: Job, plan: Plan, simulator: str, build: Path, directory: Path, on_slots: Callable[[int], None]
+) -> dict[str, Any]:
     directory.mkdir(parents=True)
     directory = directory.resolve()  # ngspice leaves its check of transistors, bsim4v5.out, where it runs
     (directory / "job.pickle").write_bytes(pickle.dumps(job))
-    factor = EFFECTS_LIMIT_FACTOR if job.plan.active_fields() else 1.0
-    if job.plan.views.in_transistors(job.plan.topology):
+    factor = EFFECTS_LIMIT_FACTOR if plan.active_fields() else 1.0
+    if plan.views.in_transistors(plan.topology):
         factor = VIEWS_LIMIT_FACTOR
     slots = 0
 
@@ -234,9 +213,7 @@ def _run_job(job: Job, directory: Path, on_slots: Callable[[int], None]) -> dict
     told = {JOB_VARIABLE: str(directory), "OPENBLAS_NUM_THREADS": "1"}
     module, limit_s = "dermis.engines.cosim_hdl", factor * SLOT_LIMIT_S
     with contextlib.suppress(RuntimeError, SystemExit):  # of cocotb's runner, for a test that failed
-        hdl.run_cocotb(
-            job.simulator, job.build, "dermis_top", module, directory, told, limit_s=limit_s, run=simulate
-        )
+        hdl.run_cocotb(simulator, build, "dermis_top", module, directory, told, limit_s=limit_s, run=simulate)
     failure = directory / "error.json"
     if failure.exists():
         said = json.loads(failure.read_text())
@@ -250,5 +227,6 @@ def _run_job(job: Job, directory: Path, on_slots: Callable[[int], None]) -> dict
 
 
 def _place(job: Job, slots: int) -> str:
-    frame, row = job.slots[min(slots, len(job.slots) - 1)]
+    read = [(block.frame, row) for scan in job.scans for block in scan for row in block.rows]
+    frame, row = read[min(slots, len(read) - 1)]
     return f"frame {frame}, row {row}"

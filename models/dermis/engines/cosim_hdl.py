@@ -16,11 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from dermis.chip import bridge, netlist
+from dermis.chip import bridge
 from dermis.chip.analog import ExactHalf
 from dermis.chip.split import SplitHalf, Workers
-from dermis.engines.cosim import JOB_VARIABLE, STATISTICS, Job
-from dermis.engines.masking import Block
+from dermis.engines.cosim_job import JOB_VARIABLE, STATISTICS, Block, Job
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.lockstep import ladder
@@ -30,7 +29,7 @@ from dermis.processes import cpu_time
 
 async def _frames(dut: Any, job_dir: Path) -> None:
     job: Job = pickle.loads((job_dir / "job.pickle").read_bytes())
-    plan = job.plan
+    timing = job.timing
     # Steps and waveforms of the circuits: of the running scan, and of the scans before it.
     kept: list[tuple[dict[str, int], Any]] = []
     ended: list[tuple[dict[str, int], Any]] = []
@@ -38,49 +37,49 @@ async def _frames(dut: Any, job_dir: Path) -> None:
     running: list[int] = []
     scanned, before = [], 0
 
-    parts, selected = netlist.parts(plan), netlist.ranges_of(plan)
     workers = Workers(job_dir / "ngspice.log")
 
-    def circuit(
-        block: Block, levels: list[float], ranges: list[int], level: ladder.Level
-    ) -> NgspiceHalf | SplitHalf:
-        index, first, decks = block.frame, block.first, {}
-        for part in parts:
-            deck = netlist.frame_deck(
-                plan, index, levels, record=job.record, columns=part, first_row=first, ranges=ranges
-            )
-            if job.solver.options:
-                deck = replace(deck, lines=(*deck.lines, job.solver.options))
-            name = f"frame_{index}" + (f"_row_{first}" if first else "")
-            name += (f"_column_{part[0]}" if part else "_rows") if len(parts) > 1 else ""
+    def circuit(block: Block, levels: list[float], level: ladder.Level) -> NgspiceHalf | SplitHalf:
+        first, decks, shared = block.rows[0], {}, timing.rows + 1
+        for part, deck in block.decks.items():
+            at_start = (*levels[:shared], *(levels[shared + column] for column in part))
+            lines = (*deck.lines, job.solver.options) if job.solver.options else deck.lines
+            deck = replace(deck, lines=lines, levels=at_start)
+            name = f"frame_{block.frame}" + (f"_row_{first}" if first else "")
+            name += (f"_column_{part[0]}" if part else "_rows") if len(block.decks) > 1 else ""
             write_atomic(job_dir / f"{name}.cir", "\n".join(deck.lines) + "\n")
             decks[part] = deck
         options: dict[str, Any] = {
             "t_edge_s": job.solver.t_edge_s,
             "t_max_step_s": job.solver.t_max_step_s,
-            "t_stop_s": bridge.analog_s(plan.timing, len(block.rows)),
+            "t_stop_s": bridge.analog_s(timing, len(block.rows)),
             "record": job.record,
             "level": level,
         }
-        if len(parts) == 1:
+        if len(decks) == 1:
             half = NgspiceHalf(deck, log=job_dir / "ngspice.log", **options)
             half.advance(0.0, [])
             return half
         try:
-            return SplitHalf(decks, plan.rows, workers, **options)
+            return SplitHalf(decks, timing.rows, workers, **options)
         except ladder.Abort:
             workers.close()  # the others' circuits are in the middle of theirs
             raise
 
     def make_half(block: Block, levels: list[float]) -> Any:
-        index, ranges = block.frame, chip.ranges() if selected else []
-        running.append(index)
-        if job.analog == "exact":
-            k = np.array(netlist.ratios(plan, ranges))
-            duty = plan.v_bias_v * plan.conductance_s(index) / (k * plan.converter.i0_a)
-            return ExactHalf(duty, levels, t_clk_s=1.0 / plan.timing.f_clk_hz, t_edge_s=job.solver.t_edge_s)
-        way = ways.setdefault(index, ladder.Climb(f"frame {index}"))
-        half = ladder.climb(lambda level: circuit(block, levels, ranges, level), way)
+        running.append(block.frame)
+        if job.ranges and (pins := tuple(chip.ranges())) != job.ranges:
+            column = next(
+                c for c, pair in enumerate(zip(pins, job.ranges, strict=True)) if pair[0] != pair[1]
+            )
+            raise SimulatorError(
+                f"range_o selects {pins[column]} in column {column}, not {job.ranges[column]}"
+            )
+        if block.duty is not None:
+            t_clk_s, t_edge_s = 1.0 / timing.f_clk_hz, job.solver.t_edge_s
+            return ExactHalf(block.duty, levels, t_clk_s=t_clk_s, t_edge_s=t_edge_s)
+        way = ways.setdefault(block.frame, ladder.Climb(f"frame {block.frame}"))
+        half = ladder.climb(lambda level: circuit(block, levels, level), way)
         close = half.close
 
         def closed() -> None:
@@ -99,10 +98,10 @@ async def _frames(dut: Any, job_dir: Path) -> None:
         while True:
             chip = bridge.Bridge(
                 dut,
-                plan.timing,
-                plan.cols,
+                timing,
+                job.cols,
                 rows=scan[0].rows,
-                ranges=selected,
+                ranges=job.ranges,
                 sync_latch=job.sync_latch,
                 trace=job.record,
                 progress=on_slot,
@@ -118,7 +117,7 @@ async def _frames(dut: Any, job_dir: Path) -> None:
                 workers.close()
                 os.ftruncate(progress, 0)
                 kept.clear()
-        scanned.append(codes.reshape(-1, plan.cols))
+        scanned.append(codes.reshape(-1, job.cols))
         before += len(scanned[-1])
         ended += kept
         kept.clear()
@@ -136,7 +135,7 @@ async def _frames(dut: Any, job_dir: Path) -> None:
         arrays["trace_charge_delay_clocks"] = chip.charge_delay_clocks
         for i, (time, probes) in enumerate(waveform for _, waveform in ended):
             arrays[f"wave{i}_time_s"] = time
-            arrays[f"wave{i}_begin_s"] = chip.trace.begins[i] / plan.timing.f_clk_hz
+            arrays[f"wave{i}_begin_s"] = chip.trace.begins[i] / timing.f_clk_hz
             arrays |= {f"wave{i}_{name}": values for name, values in probes.items()}
     scratch = job_dir / "result.partial.npz"
     np.savez(scratch, **arrays)

@@ -18,10 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis import bounds, engines
-from dermis.array.array import Network, column_currents
-from dermis.converter import injection
+from dermis.array.network import Network
 from dermis.converter.vfc import Y_MIN
-from dermis.engines import event, filter
 from dermis.records import Plan
 
 Bools = NDArray[np.bool_]
@@ -125,6 +123,10 @@ def everything(plan: Plan, reason: str = "") -> Verdict:
 
 def decide(plan: Plan) -> Verdict:
     """Find the rows of a plan of engine cosim that have to be solved."""
+    # Compiled: a run without auto does not load numba, 0.4 s in each of its processes.
+    from dermis.converter import injection
+    from dermis.engines import event, filter
+
     like = replace(plan, engine="event", auto=None)
     if plan.views.in_transistors(plan.topology):
         return everything(plan, "blocks of transistors have no error bounds")
@@ -195,6 +197,8 @@ def _mirrors(plan: Plan, network: Network, g: Floats) -> Floats:
     left = np.zeros((plan.rows + 1, plan.rows, plan.cols))
     if not c.q_mirror_c.any():
         return left
+    from dermis.array.array import column_currents
+
     kappa = np.maximum(c.q_mirror_c * timing.f_clk_hz / c.i0_a, 1e-15)
     x = np.clip(c.duty(column_currents(network, g))[0] - c.i_offset_a / c.i0_a, Y_MIN, _FULL)
 

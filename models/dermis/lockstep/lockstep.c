@@ -34,6 +34,7 @@ struct source {
     char name[64];
     double from, to, t; /* level before and after the edge that starts at t */
     double t_edge;      /* how long its edges last */
+    bool asked;         /* ngspice has it as an external source */
     bool abrupt;        /* its edge switches a conductance: integration restarts with backward Euler behind it */
 };
 
@@ -160,6 +161,8 @@ static int on_source(double *value, double t, char *name, int id, void *user)
     }
     /* the hidden transient by which ngspice may look for an operating point has a time of its own */
     *value = i < 0 ? 0.0 : level(&ls.source[i], ls.started ? t : 0.0);
+    if (i >= 0)
+        ls.source[i].asked = true;
     if (!isfinite(*value)) {
         snprintf(ls.trouble, TEXT_BYTES, "source %.60s is %g at %g s", name, *value, t);
         ls.state = FAILED;
@@ -375,6 +378,7 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
         snprintf(ls.source[i].name, sizeof ls.source[i].name, "%s", source_names[i]);
         ls.source[i].from = ls.source[i].to = levels[i];
         ls.source[i].t = -HUGE_VAL;
+        ls.source[i].asked = false;
         ls.source[i].abrupt = abrupt[i] != 0;
         ls.source[i].t_edge = t_edges[i];
     }
@@ -482,6 +486,15 @@ int lockstep_operating_point(char *text, int room)
     return 0;
 }
 
+/* A name that the circuit does not have: -3. A probe is looked up when ngspice begins, before it has a solution; every source
+   is asked for by the first one. */
+static int wrong_name(const char *name)
+{
+    fail("");
+    snprintf(ls.error, TEXT_BYTES, "%s", name);
+    return -3;
+}
+
 /* Solve up to time `to`, with those edges that begin after `after`, and unless it is a sample ahead of the rest, with all others. */
 static int solve(double after, double to, bool early, int n_edge, const int *edge_source, const double *edge_time, const double *edge_level)
 {
@@ -529,11 +542,15 @@ static int solve(double after, double to, bool early, int n_edge, const int *edg
     bool reached = ls.t_now >= to - (ls.state == ENDED ? 1e-10 * ls.t_max_step : ulps(to));
     if (ls.state == FAILED)
         return fail("ngspice stopped");
+    for (int p = 0; p < ls.n_probe; p++)
+        if (ls.probe_vector[p] < 0)
+            return wrong_name(ls.probe_name[p]);
     if (!reached || !ls.started)
         return give_up(ls.started ? "ngspice stopped" : "ngspice found no operating point");
+    for (int i = 0; i < ls.n_source; i++)
+        if (!ls.source[i].asked)
+            return wrong_name(ls.source[i].name);
     for (int p = 0; p < ls.n_probe; p++) {
-        if (ls.probe_vector[p] < 0)
-            return fail("a probe is not in the circuit");
         if (ls.sampled && !isfinite(ls.probe[p])) {
             snprintf(ls.trouble, TEXT_BYTES, "node \"%.63s\" is %g", ls.probe_name[p], ls.probe[p]);
             return give_up("a sample is no number");

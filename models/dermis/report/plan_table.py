@@ -11,11 +11,10 @@ import click
 
 from dermis import engines, records
 from dermis import plan as planning
-from dermis.converter import injection
-from dermis.engines import event, masking
+from dermis.engines import masking
 from dermis.errors import DermisError
 from dermis.processes.cpu_time import cpu_seconds
-from dermis.report import ablate, progress, verdict
+from dermis.report import progress, verdict
 from dermis.scene import scene as scenes
 
 # Frames that `dermis plan` looks at, around the fullest one, and taxels in all of them.
@@ -40,6 +39,9 @@ def print_answer(plan: records.Plan) -> None:
 
     The sample is run with each effect off in turn.
     """
+    from dermis.engines import event  # compiled
+    from dermis.report import ablate
+
     console, frames = verdict.console(), max(1, min(_SAMPLE, _SAMPLE_TAXELS // (plan.rows * plan.cols)))
     try:
         with progress.slots("effects compared", len(plan.on) + 1, "effects") as show:
@@ -74,6 +76,8 @@ def print_filter(plan: records.Plan, found: dict[str, Any]) -> None:
     """Print the result of the filter: the verdicts, and by effect its shifts and the cells walked
     because of it.
     """
+    from dermis.converter import injection  # compiled
+
     heads = ("effect", "largest shift / LSB", "largest possible / LSB", "cells walked for it")
     lines = [
         (name, *(v if isinstance(v, str) else f"{v:.2g}" for v in (caused, possible)), str(walked))

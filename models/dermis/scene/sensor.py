@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
@@ -269,16 +268,6 @@ def play(resistance_ohm: Floats, width: float) -> Floats:
 _RATE_STEP = 0.4
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def advance_creep(creep, loaded, rate, weight, dt_s):
-    """Move the creep states [taxels, rates] on by a time in which `loaded` [taxels] taxels carried load."""
-    for m in range(rate.size):
-        kept = np.exp(-rate[m] * dt_s)
-        gained = (1.0 - kept) * weight[m]
-        for t in range(loaded.size):
-            creep[t, m] = kept * creep[t, m] + (gained if loaded[t] else 0.0)
-
-
 def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -> Floats:
     """Decades of time that load has lasted, with memory along axis 0, [frames, ...].
 
@@ -295,6 +284,8 @@ def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -
     t_frame_s, start_s : float
         Time from frame to frame, and the time at which the first decade starts.
     """
+    from dermis.scene.sensor_loops import advance_creep  # numba takes 0.4 s to load
+
     touched = loaded.any(axis=0)
     load, out = loaded[:, touched], np.zeros(loaded.shape)
     rate, weight = creep_rates(start_s, len(load) * t_frame_s)

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lines of a netlist on which ngspice would end the process, or stop without naming them."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from dermis.errors import InputError
+
+_OPENS, _CLOSES = (".subckt", ".if"), (".ends", ".endif")
+_WATCHED = re.compile(r"[vi]|\.(control|subckt|ends|if|endif|inc)", re.IGNORECASE)
+_INCLUDES = 10
+"""Depth of files in files that is followed; ngspice ends a circle itself."""
+
+_Place = tuple[str, str]
+
+
+def refuse(lines: Sequence[str]) -> None:
+    """Refuse a netlist by its first line that cannot be simulated in lock-step.
+
+    - An external source with a value: libngspice 39 crashes (exit 139).
+    - An external current source: nothing drives it.
+    - `.control`: its commands run while the deck is read, and `quit` ends ngspice.
+    - Two voltage sources across the same nodes, outside subcircuits: a singular matrix, which ngspice reports
+      for one of their branches.
+
+    Parameters
+    ----------
+    lines : the first one is the title. Files of `.include` are read as well, those of `.lib` not.
+
+    Raises
+    ------
+    InputError
+        Names the line.
+    """
+    across: dict[frozenset[str], str] = {}
+    depth = 0
+    for place, line in _cards(lines[1:], Path("netlist"), 2):
+        words = re.split(r"[\s=(),]+", line.lower().strip())
+        name, ends, value = words[0], frozenset("0" if w == "gnd" else w for w in words[1:3]), words[3:]
+        if name == ".control":
+            raise InputError(*place, line, "no .control block: the co-simulation gives the commands")
+        depth += name.startswith(_OPENS)
+        depth -= name in _CLOSES
+        if "external" in value and name[0] == "i":
+            allowed = "an external voltage source that controls a current source: g1 node node control 0 1"
+            raise InputError(*place, line, allowed)
+        if "external" in value and value != ["external"]:
+            raise InputError(*place, line, "name node node external; a value here crashes ngspice")
+        if name[0] != "v" or depth:
+            continue
+        if (other := across.setdefault(ends, f"{place[0]}, {place[1]}")) != f"{place[0]}, {place[1]}":
+            raise InputError(*place, line, f"no voltage source in parallel with that of {other}")
+
+
+def _cards(lines: Iterable[str], file: Path, first: int, depth: int = 0) -> Iterator[tuple[_Place, str]]:
+    """Yield the lines that `refuse` looks at, continued ones joined, with file and line."""
+    number, card = 0, ""
+    for at, line in enumerate((*lines, ""), first):
+        if line.startswith("*"):  # may stand before a continuation
+            continue
+        if line.startswith("+"):
+            card += f" {line[1:]}"
+            continue
+        if _WATCHED.match(card):
+            yield (file.name, f"line {number}"), card
+            found = re.match(r"\.inc\w*\s+[\"']?([^\"']+)", card, re.IGNORECASE)
+            if found and depth < _INCLUDES and (inside := file.parent / found[1].strip()).is_file():
+                yield from _cards_of(inside, inside.stat().st_mtime_ns, depth + 1)
+        number, card = at, re.split(r";|\s\$", line.lstrip())[0].rstrip()
+
+
+@functools.cache
+def _cards_of(file: Path, _: int, depth: int) -> list[tuple[_Place, str]]:
+    """Return the cards of an included file, read again after a change."""
+    return list(_cards(file.read_text(encoding="utf-8", errors="replace").splitlines(), file, 1, depth))
