@@ -10,9 +10,10 @@ from pathlib import Path
 import click
 import numpy as np
 
-from dermis.chip import ladder, spice_batch
+from dermis.chip import spice_batch
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
+from dermis.lockstep import ladder
 from dermis.places import BUILD, ROOT
 from dermis.report import verdict
 from dermis.scene.design import load as load_design

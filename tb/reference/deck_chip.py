@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip import ladder
 from dermis.chip.bridge import analog_s
-from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.engines import cosim
+from dermis.lockstep import ladder
+from dermis.lockstep.ngspice import Deck, NgspiceHalf
 from dermis.records import Plan, Timing
 from tb.reference.chip import Synchronizer
 

@@ -11,8 +11,8 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip import ladder
-from dermis.chip.ngspice import Deck, NgspiceHalf
+from dermis.lockstep import ladder
+from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
 # Tolerances of the decks without a pole (netlist.py): Newton's method ends a step beyond them.
 TIGHT = ".options reltol=1e-6 abstol=1e-13 vntol=1e-9"

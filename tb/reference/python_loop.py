@@ -17,11 +17,13 @@ from cocotb.handle import Immediate
 from cocotb.triggers import FallingEdge
 from numpy.typing import NDArray
 
-from dermis.chip import bridge, netlist, ngspice
-from dermis.chip.analog import AnalogHalf, Edge, ExactHalf
-from dermis.chip.clock_loop import ClockLoop
-from dermis.chip.ngspice import Deck, NgspiceHalf
+from dermis.chip import bridge, netlist
+from dermis.chip.analog import ExactHalf
 from dermis.chip.split import SplitHalf, Workers
+from dermis.lockstep import ngspice
+from dermis.lockstep.clock_loop import ClockLoop
+from dermis.lockstep.half import AnalogHalf, Edge
+from dermis.lockstep.ngspice import Deck, NgspiceHalf
 from dermis.records import Plan
 
 Floats = NDArray[np.float64]

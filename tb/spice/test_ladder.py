@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 
 from dermis import plan
-from dermis.chip import ladder, netlist, spice_batch
-from dermis.chip.ngspice import Deck, NgspiceHalf
+from dermis.chip import netlist, spice_batch
 from dermis.errors import SimulatorError
+from dermis.lockstep import ladder
+from dermis.lockstep.ngspice import Deck, NgspiceHalf
 from dermis.scene import scene
 from tb.reference import deck_chip
 from tb.reference import ladder_circuits as circuits

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.chip import netlist
-from dermis.chip.ngspice import Deck
+from dermis.lockstep.ngspice import Deck
 from dermis.records import Plan
 from tb.reference.deck_chip import levels_of, read_deck
 

@@ -15,9 +15,9 @@ from dermis import engines
 from dermis.chip import netlist
 from dermis.chip.analog import ExactHalf
 from dermis.chip.netlist import integrator_nodes
-from dermis.chip.ngspice import Deck
 from dermis.engines import Result, closed, cosim
 from dermis.errors import InputError, SimulatorError
+from dermis.lockstep.ngspice import Deck
 from dermis.report import comparison
 from dermis.report.waves import trace
 from dermis.scene.design import TOPOLOGIES

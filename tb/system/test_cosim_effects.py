@@ -14,9 +14,9 @@ from test_decks import effects_of, scene_of
 
 from dermis import effects
 from dermis.chip.netlist import frame_deck
-from dermis.chip.ngspice import Deck
 from dermis.engines import cosim, event
 from dermis.errors import InputError, SimulatorError
+from dermis.lockstep.ngspice import Deck
 from dermis.scene.design import TOPOLOGIES
 
 # Effects of a deck: no random numbers, and the sensor sheet is not in it.

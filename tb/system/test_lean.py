@@ -35,7 +35,7 @@ def test_the_child_of_a_cosimulation_loads_no_compiled_loop_and_no_scene(
     monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")  # the interpreter in the simulator reads it
     cosim.run(resistance_plan(np.array([[500.0]])), work=tmp_path / "work")
     found = loaded((tmp_path / "work" / "job_0" / "hdl.log").read_text())
-    assert {"dermis.chip.bridge", "dermis.chip.ngspice", "dermis.engines.cosim_job"} <= found
+    assert {"dermis.chip.bridge", "dermis.lockstep.ngspice", "dermis.engines.cosim_job"} <= found
     assert not found & {
         *COMPILED,
         "pydantic",

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from dermis.chip import hdl, ngspice
+from dermis.chip import hdl
+from dermis.lockstep import ngspice
 from dermis.scene.design import ROOT
 
 EXAMPLES = ROOT / "docs" / "examples"
@@ -60,7 +61,7 @@ def test_an_example_sees_a_fault(fault: str, tmp_path: Path, monkeypatch: pytest
     (tmp_path / "clock_loop.c").write_text(text.replace(right, wrong))
     work = tmp_path / "run"
     work.mkdir()
-    seed = "from pathlib import Path\nfrom dermis.chip import ngspice\n"
+    seed = "from pathlib import Path\nfrom dermis.lockstep import ngspice\n"
     seed += f"ngspice.LOOP_SOURCE = Path({str(tmp_path / 'clock_loop.c')!r})\n"
     shutil.copytree(EXAMPLES / name, tmp_path / "seeded")
     module = tmp_path / "seeded" / f"seeded_{fault}.py"

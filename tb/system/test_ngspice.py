@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from dermis.chip import ngspice
+from dermis.lockstep import ngspice
 from dermis.scene.design import ROOT
 
 RC = """
     from pathlib import Path
     from dermis.errors import DermisError
-    from dermis.chip.ngspice import Deck, NgspiceHalf
+    from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
     def half(lines=(), sources=("v_d",), probes=("out",), t_stop=1e-5, **more):
         deck = Deck(("test", "v_d d 0 external", "r1 d out 1k", "c1 out 0 1n", *lines), sources, (0.0,) * len(sources),
@@ -165,7 +165,7 @@ def test_another_compiler_flag_or_ngspice_makes_another_driver(
 
 def test_the_ngspice_of_the_key_is_the_one_that_is_loaded(tmp_path: Path) -> None:
     own = shutil.copy(ngspice._loaded_ngspice()[0], tmp_path / "libngspice.so.0")
-    code = "from dermis.chip import ngspice; print(ngspice._loaded_ngspice()[0])"
+    code = "from dermis.lockstep import ngspice; print(ngspice._loaded_ngspice()[0])"
     environment = {**os.environ, "LD_LIBRARY_PATH": str(tmp_path)}
     command = [sys.executable, "-c", code]
     said = subprocess.run(
@@ -175,7 +175,7 @@ def test_the_ngspice_of_the_key_is_the_one_that_is_loaded(tmp_path: Path) -> Non
 
 
 def test_the_driver_compiles_without_a_warning() -> None:
-    sources = [str(path) for path in (ROOT / "models" / "dermis" / "chip").glob("*.c")]
+    sources = [str(path) for path in (ROOT / "models" / "dermis" / "lockstep").glob("*.c")]
     command = ["cc", "-Wall", "-Wextra", "-Werror", "-O2", "-D_GNU_SOURCE", "-fsyntax-only", *sources]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from dermis import engines
 from dermis import plan as planning
-from dermis.chip import ladder, netlist
-from dermis.chip.ngspice import Deck
+from dermis.chip import netlist
 from dermis.chip.split import SplitHalf, Workers
 from dermis.engines import cosim
 from dermis.errors import InputError
+from dermis.lockstep import ladder
+from dermis.lockstep.ngspice import Deck
 from dermis.records import Plan
 from dermis.scene import scene
 from dermis.scene.design import TOPOLOGIES

@@ -21,9 +21,9 @@ from cocotb.triggers import FallingEdge, RisingEdge, SimTimeoutError, Timer, wit
 from numpy.typing import NDArray
 
 from dermis.chip import read_out, register_map, spi_protocol
-from dermis.chip.analog import AnalogHalf
-from dermis.chip.clock_loop import ClockLoop, Net, Output, Timebase
 from dermis.errors import SimulatorError
+from dermis.lockstep.clock_loop import ClockLoop, DrivenClock, Net, Output, Timebase, unit_s
+from dermis.lockstep.half import AnalogHalf
 from dermis.timing import Timing
 
 START_CLOCKS = 64
@@ -155,8 +155,8 @@ class Bridge:
         for pin in pins:
             pin.value = 0
         dut.spi_cs_ni.value = 1
-        clock = Clock(dut.clk_i, 2 * self._half_ps, unit="ps", impl="gpi")
-        clock.start(start_high=False)
+        self._per_ps = round(1e-12 / unit_s())
+        clock = DrivenClock(dut.clk_i, self._half_ps * self._per_ps)
         for _ in range(3):
             await FallingEdge(dut.clk_i)
         dut.rst_ni.value = 1
@@ -253,10 +253,9 @@ class Bridge:
         clocks = slots * timing.slot_clocks - timing.break_clocks
         if trace:
             self.trace.begins.append(len(self.trace.row_select))
-        per_ps = round(1e-12 / loop.unit_s)
         # Nets move at rising edges, and with the latch at falling ones; this is a falling edge.
-        settle = (self._half_ps + int(self._sync_latch)) * per_ps
-        period = 2 * self._half_ps * per_ps
+        settle = (self._half_ps + int(self._sync_latch)) * self._per_ps
+        period = 2 * self._half_ps * self._per_ps
         time = Timebase(settle, 1.0 / timing.f_clk_hz, period, settle, ((period, period),))
         loop.arm(half, time, clocks=clocks, samples=self._samples, trace=trace)
         await Timer(2, unit="ps")  # from here on after the loop's look at a clock

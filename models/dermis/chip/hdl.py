@@ -151,7 +151,7 @@ def build(
             # Unknowns become random, not zero, so that an X of Icarus cannot pass here by chance.
             arguments = ["--x-assign", "unique", "--x-initial", "unique", "-Wno-fatal"]
             # In one piece: the wheel's makefile has no flag for the precompiled header that goes with several.
-            arguments += ["--output-split", "0", "-CFLAGS", "-O2" if optimise else "-O0"]
+            arguments += ["--output-split", "0", "-CFLAGS", " ".join(PROGRAM_FLAGS) if optimise else "-O0"]
         try:
             _runner(simulator, log).build(
                 sources=sources,
@@ -168,10 +168,10 @@ def build(
     return _cached(
         BUILD / where / simulator / toplevel,
         [*sources, *_headers(includes)],
-        [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise],
+        [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise and PROGRAM_FLAGS],
         make,
         "sim.vvp" if simulator == "icarus" else toplevel,
-        f"{tool} {optimise}",
+        f"{tool} {optimise and PROGRAM_FLAGS}",
     )
 
 

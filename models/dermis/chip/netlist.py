@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from dermis import fields
 from dermis.array.network import Network
 from dermis.chip import sky130
-from dermis.chip.ngspice import Deck
 from dermis.chip.spice_text import array_subckt, spice_number
 from dermis.errors import InputError
+from dermis.lockstep.ngspice import Deck
 from dermis.places import ROOT
 from dermis.records import Drive, Plan
 from dermis.scene.views import CONVERTER, Views

@@ -15,8 +15,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from dermis.chip import ladder
 from dermis.errors import SimulatorError, tool_path
+from dermis.lockstep import ladder
 from dermis.processes.children import output_of, run_child
 
 _TOOL = "ngspice", "ngspice 39 or later"

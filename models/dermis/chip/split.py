@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip.analog import Edge
-from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.errors import SimulatorError
+from dermis.lockstep.half import Edge
+from dermis.lockstep.ngspice import Deck, NgspiceHalf
 from dermis.processes import pool
 
 
@@ -59,7 +59,7 @@ STILL_V = 1e-6
 
 
 class SplitHalf:
-    """The circuits of some decks as one analog half (see dermis.chip.analog.AnalogHalf).
+    """The circuits of some decks as one analog half (see dermis.lockstep.half.AnalogHalf).
 
     Parameters
     ----------

@@ -21,10 +21,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dermis.chip import hdl, ladder, netlist
+from dermis.chip import hdl, netlist
 from dermis.engines import Result, masking
 from dermis.engines.cosim_job import JOB_VARIABLE, STATISTICS, Block, Job, Solver
 from dermis.errors import InputError, SimulatorError
+from dermis.lockstep import ladder
 from dermis.processes import children
 from dermis.records import Plan
 

@@ -16,13 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from dermis.chip import bridge, ladder
+from dermis.chip import bridge
 from dermis.chip.analog import ExactHalf
-from dermis.chip.ngspice import NgspiceHalf
 from dermis.chip.split import SplitHalf, Workers
 from dermis.engines.cosim_job import JOB_VARIABLE, STATISTICS, Block, Job
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
+from dermis.lockstep import ladder
+from dermis.lockstep.ngspice import NgspiceHalf
 from dermis.processes import cpu_time
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip.ngspice import Deck
+from dermis.lockstep.ngspice import Deck
 from dermis.timing import Timing
 
 JOB_VARIABLE = "DERMIS_COSIM_JOB"

@@ -28,12 +28,12 @@ from numpy.typing import NDArray
 
 from dermis import engines
 from dermis.chip import netlist
-from dermis.chip.analog import Edge
-from dermis.chip.ngspice import NgspiceHalf
 from dermis.effects import AutoTable
 from dermis.engines import cosim
 from dermis.errors import DermisError, SimulatorError
 from dermis.files import write_atomic
+from dermis.lockstep.half import Edge
+from dermis.lockstep.ngspice import NgspiceHalf
 from dermis.places import BUILD
 from dermis.processes import cpu_time
 from dermis.records import Plan

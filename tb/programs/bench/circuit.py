@@ -22,13 +22,14 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import NDArray
 
-from dermis.chip import bridge, clock_loop, hdl, netlist
-from dermis.chip.analog import Edge
-from dermis.chip.ngspice import Deck, NgspiceHalf
+from dermis.chip import bridge, hdl, netlist
 from dermis.chip.spice_text import spice_number
 from dermis.converter.vfc import count_rational
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
+from dermis.lockstep import clock_loop
+from dermis.lockstep.half import Edge
+from dermis.lockstep.ngspice import Deck, NgspiceHalf
 from dermis.records import Plan, Timing
 from scripts import workers
 

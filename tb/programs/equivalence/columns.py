@@ -18,9 +18,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip import ladder, netlist, ngspice, sky130
-from dermis.chip.ngspice import Deck, NgspiceHalf
+from dermis.chip import netlist, sky130
 from dermis.chip.spice_text import spice_number
+from dermis.lockstep import ladder, ngspice
+from dermis.lockstep.ngspice import Deck, NgspiceHalf
 from dermis.scene import design as design_module
 from dermis.scene.design import ROOT
 from scripts import workers

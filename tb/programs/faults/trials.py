@@ -296,7 +296,7 @@ def tool(trial: Trial, bench: Bench, draw: random.Random) -> Found:
     if how != "missing":
         (shims / which).write_text(_TOOL[how])
         (shims / which).chmod(0o755)
-    limits = {"dermis.report.output.TOOL_LIMIT_S": 2, "dermis.chip.ngspice.COMPILE_LIMIT_S": 3}
+    limits = {"dermis.report.output.TOOL_LIMIT_S": 2, "dermis.lockstep.ngspice.COMPILE_LIMIT_S": 3}
     path = {"PATH": f"{shims}:{Path(sys.executable).parent}"}
     # A build needs the tool; other commands may not.
     codes = {2, 3} if trial.subject is SUBJECTS["build"] else {0, 2, 3}

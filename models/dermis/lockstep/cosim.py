@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any Verilog with any SPICE in lock-step: digital edges at their exact times, inside a cocotb test.
-
-The page docs/lockstep.md shows three examples and lists the restrictions. This module knows nothing
-of this project's chip, which is built on the same loop (dermis.chip.clock_loop).
-"""
+"""A circuit of ngspice that runs with the Verilog of a cocotb test."""
 
 from __future__ import annotations
 
@@ -18,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip.clock_loop import ClockLoop, Net, Output, Timebase
-from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.errors import InputError
+from dermis.lockstep.clock_loop import ClockLoop, DrivenClock, Net, Output, Timebase, unit_s
+from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
 RESET_CLOCKS = 3
 IDLE_STEPS = 100
@@ -165,13 +161,12 @@ class Cosim:
             ngspice failed, a net is X or Z, or it changed at a time that is not exact; the message names it.
         """
         import cocotb
-        from cocotb.clock import Clock
         from cocotb.triggers import Timer
 
         handles = {net: self._handle(dut, net) for net in (*self._inputs, *self._outputs, *self._clocks)}
         nets, sources = self._nets(handles)
         loop = ClockLoop(nets, self._output_nets(handles))
-        unit = loop.unit_s
+        unit = unit_s()
         periods = {net: 2 * round(0.5 * period / unit) for net, period in self._clocks.items()}
         for net, units in periods.items():
             exact = self._clocks[net] / unit
@@ -181,10 +176,8 @@ class Cosim:
                 raise self._wrong(f"clock {net}", self._clocks[net], allowed)
         for net in self._outputs:
             handles[net].value = 0
-        clocks = [Clock(handles[net], units, unit="step", impl="gpi") for net, units in periods.items()]
         began = cocotb.utils.get_sim_time("step")
-        for clock in clocks:
-            clock.start(start_high=False)
+        clocks = [DrivenClock(handles[net], units // 2) for net, units in periods.items()]
         longest = max(periods.values(), default=math.ceil(self._step_s / unit))
         if self._reset is not None:
             reset = self._handle(dut, self._reset.net)

@@ -23,9 +23,9 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip import ladder, netlist_faults
-from dermis.chip.analog import Edge
 from dermis.errors import InputError, SimulatorError, tool_path
+from dermis.lockstep import ladder, netlist_faults
+from dermis.lockstep.half import Edge
 from dermis.places import BUILD
 from dermis.processes.children import run_child
 
@@ -71,8 +71,8 @@ class Deck:
 
 
 def library() -> Path:
-    """Return the compiled lock-step driver and clock loop; compile them for another source, compiler, flags or
-    ngspice.
+    """Return the compiled lock-step driver and clock loop; compile them for another source, compiler,
+    flags or ngspice.
     """
     compiler = tool_path(os.environ.get("CC", "cc"), "a C compiler")
     flags = [*FLAGS]
@@ -152,7 +152,7 @@ def _texts(items: Sequence[str]) -> ctypes.Array[ctypes.c_char_p]:
 
 
 class NgspiceHalf:
-    """One ngspice transient as an analog half (see dermis.chip.analog.AnalogHalf).
+    """One ngspice transient as an analog half (see dermis.lockstep.half.AnalogHalf).
 
     Parameters
     ----------

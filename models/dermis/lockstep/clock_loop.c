@@ -578,6 +578,48 @@ int loop_arm(solve_t *half, double base, long long ticks_of_base, long long befo
     return lp.state == RUNNING ? 0 : -1;
 }
 
+/* ---- clocks ----------------------------------------------------------------------------------------------- */
+
+/* cocotb's own clock writes with inertial delay, for which Verilator evaluates the model once more at every edge */
+static struct driver {
+    vpiHandle handle, callback;
+    tick_t half;
+    PLI_UINT32 level;
+} driver[MAX_CLOCKS];
+
+static PLI_INT32 toggle(p_cb_data data);
+
+static void wait(struct driver *d)
+{
+    s_vpi_time delay = {.type = vpiSimTime, .high = (PLI_UINT32)(d->half >> 32), .low = (PLI_UINT32)d->half};
+    s_cb_data next = {.reason = cbAfterDelay, .cb_rtn = toggle, .time = &delay, .user_data = (PLI_BYTE8 *)d};
+    d->callback = vpi_register_cb(&next);
+}
+
+static PLI_INT32 toggle(p_cb_data data)
+{
+    struct driver *d = (struct driver *)data->user_data;
+    wait(d);
+    d->level ^= 1;
+    put(d->handle, &d->level, 1); /* last: in Icarus what waits for the edge runs at once, and may stop the clock */
+    return 0;
+}
+
+/* Drive a clock that is low: high after `half` units, and so on. Returns its index, or -1. */
+int loop_drive(const char *name, long long half)
+{
+    for (struct driver *d = driver; d < driver + MAX_CLOCKS; d++)
+        if (!d->callback) {
+            if (!(d->handle = handle_of(name)))
+                return -1;
+            d->half = (tick_t)half, d->level = 0;
+            return wait(d), (int)(d - driver);
+        }
+    return snprintf(lp.text, TEXT_BYTES, "more than %d clocks", MAX_CLOCKS), -1;
+}
+
+void loop_release(int index) { forget(&driver[index].callback); }
+
 /* The half alone, without an HDL simulator: in clock i come the edges first[i] up to first[i + 1] of a record. */
 int loop_replay(solve_t *half, double period, long clocks, const int *first, const int *source, const double *time,
                 const double *level)

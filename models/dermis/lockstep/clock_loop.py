@@ -15,9 +15,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip import ngspice
-from dermis.chip.analog import AnalogHalf, Edge
 from dermis.errors import SimulatorError
+from dermis.lockstep import ngspice
+from dermis.lockstep.half import AnalogHalf, Edge
 
 _RUNNING, _ENDED, _WRONG = 1, 2, 3  # of `enum state` in clock_loop.c
 _SOLVE = ctypes.CFUNCTYPE(
@@ -71,7 +71,7 @@ class Output:
 
 @dataclass(frozen=True)
 class Timebase:
-    """Times of a loop, in units of time of the HDL simulator (`ClockLoop.unit_s`) or in seconds.
+    """Times of a loop, in units of time of the HDL simulator (`unit_s`) or in seconds.
 
     Attributes
     ----------
@@ -116,14 +116,13 @@ class ClockLoop:
         lib.loop_text.restype = text
         lib.loop_clocks.restype = ctypes.c_long
         lib.loop_rows.restype = ctypes.c_size_t
-        lib.loop_unit.restype = lib.loop_overshoot.restype = number
+        lib.loop_overshoot.restype = number
         lib.loop_samples.restype = ctypes.POINTER(number)
         lib.loop_trace.restype = ctypes.POINTER(ctypes.c_uint32)
         self._nets, self._outputs = tuple(nets), tuple(outputs)
         self._half: Any = None
         self._raised: BaseException | None = None
         self._bind()
-        self.unit_s: float = lib.loop_unit()
 
     def _bind(self) -> None:
         self._lib.loop_clear()
@@ -239,6 +238,41 @@ class ClockLoop:
         table = np.ctypeslib.as_array(self._lib.loop_trace(), (self._lib.loop_clocks(), sum(words)))
         parts = np.split(table.astype("<u4"), np.cumsum(words)[:-1], axis=1)
         return [[int.from_bytes(row.tobytes(), "little") for row in part] for part in parts]
+
+
+class DrivenClock:
+    """A clock of the Verilog, driven from C: 0 now, 1 after `half` units of time, and so on.
+
+    Parameters
+    ----------
+    handle : cocotb handle of the net
+    half : half a period, in units of time of the HDL simulator
+
+    Raises
+    ------
+    SimulatorError
+        There are too many.
+    """
+
+    def __init__(self, handle: Any, half: int) -> None:
+        self._lib = lib = ngspice.loaded()
+        lib.loop_drive.argtypes = [ctypes.c_char_p, ctypes.c_longlong]
+        lib.loop_text.restype = ctypes.c_char_p
+        handle.value = 0
+        self._index = lib.loop_drive(handle._path.encode(), half)
+        if self._index < 0:
+            raise SimulatorError(lib.loop_text().decode(errors="replace"))
+
+    def stop(self) -> None:
+        """Leave the net as it is."""
+        self._lib.loop_release(self._index)
+
+
+def unit_s() -> float:
+    """Return the unit of time of the HDL simulator, in seconds."""
+    lib = ngspice.loaded()
+    lib.loop_unit.restype = ctypes.c_double
+    return lib.loop_unit()
 
 
 def replay(half: ngspice.NgspiceHalf, period_s: float, edges: Sequence[Sequence[Edge]]) -> None:
