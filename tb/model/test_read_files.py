@@ -279,7 +279,8 @@ ASCII_DATA @@
     ("space", "unit", "factor", "read"),
     [
         ("5 mm", "KPa", 1.0, "kpa"), ("0.5 cm", "PSI", 6.894757, "kpa"),
-        ("0.19685039 inches", "mmHg", 0.1333224, "kpa"), ("5 mm", "N", 1.0, "newtons"), ("5 mm", "Raw", 1.0, None),
+        ("0.19685039 inches", "mmHg", 0.1333224, "kpa"), ("0.5 centimeters", "N/cm2", 10.0, "kpa"),
+        ("5 mm", "N", 1.0, "newtons"), ("5 mm", "Raw", 1.0, None),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("stamped", [False, True])
@@ -329,6 +330,50 @@ def test_two_sensors_of_a_frame_are_asked_for(load) -> None:
     assert found.values == pytest.approx(2 * FRAMES * 0.1333224)
     assert (found.unit, found.area_mm2) == ("kpa", pytest.approx(25.0))
     assert found.time_s == pytest.approx(0.02 * np.arange(20))
+
+
+def test_emed(load) -> None:
+    lines = ["Sensor size: 0.500 x 0.500 cm", "Time per picture: 20.00 ms", "Pressure values in kPa", ""]
+    for n, frame in enumerate(FRAMES[:5]):
+        for half in (range(3), range(3, 6)):  # two pages a picture
+            lines += [
+                f"Page {n}",
+                f"Pict-No.: {n + 1}  {20 * n} ms",
+                "",
+                "  ".join(str(c + 11) for c in half) + "  Force",
+            ]
+            lines += [f"{r + 21} " + " ".join(f"{frame[r, c]:g}" for c in half) + " 999" for r in range(4)]
+            lines += ["Force " + "999 " * 4, "\x0c"]
+    lines += ["Page 9", "MVP", "", "11 12", "21 999 999"]
+    found = load("\n".join(lines), "touch.lst")
+    assert (found.values == FRAMES[:5]).all()
+    assert (found.unit, found.area_mm2) == ("kpa", pytest.approx(25.0))
+    assert found.time_s == pytest.approx(0.02 * np.arange(5))
+    assert "rows from 21 and columns from 11" in found.order
+
+
+def test_pliance_and_pedar(load) -> None:
+    head = "file name: x\tdate/time 17.06.23\nscanning rate [Hz]: 50\npressure values in kPa\n\n"
+    present = [n for n in range(1, 25) if n % 6 not in (1, 2)]
+    lines = [
+        f"{0.02 * n:.5f}  " + "  ".join(f"{FRAMES[n].ravel()[k - 1]:.3f}" for k in present) for n in range(20)
+    ]
+    names = "time[secs]  " + "  ".join(map(str, present))
+    text = "\n".join([head.replace("\t", " ") + "electrical:", names, *lines, "MVP  " + "9  " * 16])
+    with pytest.raises(InputError, match="--rows and --cols"):
+        load(text, "touch.asc")
+    found = load(text, "touch.asc", **SIZE)
+    assert (found.values[:, found.present] == FRAMES[:, found.present]).all()
+    assert found.present.sum() == len(present)
+    assert found.unit == "kpa"
+    soles = "time[secs]\t" + "\t".join(str(k) for _ in range(2) for k in range(1, 25)) + "\n"
+    soles += "\n".join(
+        "\t".join([f"{0.02 * n:.2f}", *(f"{v:g}" for v in (*(0 * f).ravel(), *f.ravel()))])
+        for n, f in enumerate(FRAMES)
+    )
+    with pytest.raises(InputError, match="--part N"):
+        load(head + soles, "touch.asc", **SIZE)
+    assert (load(head + soles, "touch.asc", **SIZE, part=2).values == FRAMES).all()
 
 
 def test_no_drawn_file_is_read_wrongly_without_a_warning(tmp_path: Path) -> None:

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import io
 import re
 import warnings
+import zipfile
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,6 +34,8 @@ AXES = ("frames", "rows", "cols", "taxels")
 _TIME_SPREAD = 0.5
 """Part of the median by which a step of time may differ before frames count as lost."""
 _WRAP = 2.0**32
+_MEMBERS = 64
+"""Arrays of an npz file that are looked through; of more the name must be given."""
 # Between 0.1 and 1 a step without a unit may be seconds of a slow logger, or milliseconds of a fast one.
 _SECONDS_SURE = 0.1
 
@@ -152,8 +156,7 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
     if suffix == ".npy":
         values = _parsed(path, lambda: npy_array(data, path.name, "biuf"))
     elif suffix == ".npz":
-        values = _parsed(path, lambda: npz_member(data, path.name, layout.key))
-        time = None if name is None else _parsed(path, lambda: npz_member(data, path.name, name))
+        values, time, name = _chosen(path, _parsed(path, lambda: _members(data, path, layout)), layout)
     elif suffix == ".mat" and not data.startswith(b"MATLAB 7.3"):
         values, time, name = _chosen(path, _parsed(path, lambda: _matlab(data)), layout)
     else:
@@ -181,6 +184,21 @@ def _matlab(data: bytes) -> dict[str, Any]:
     from scipy.io import loadmat  # 0.1 s
 
     return {name: value for name, value in loadmat(io.BytesIO(data)).items() if not name.startswith("__")}
+
+
+def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
+    """Return the arrays of an npz file; those that are named, if it has many."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        names = [name.removesuffix(".npy") for name in archive.namelist()]
+    if layout.key is not None or len(names) > _MEMBERS:
+        names = [name for name in (layout.key, layout.time_key) if name is not None]
+    found = {}
+    for name in names or [None]:
+        with contextlib.suppress(
+            InputError if layout.key is None else ()
+        ):  # an array of text, beside the others
+            found[name] = npz_member(data, path.name, name)
+    return found
 
 
 def _chosen(path: Path, sets: dict[str, Any], layout: Layout) -> tuple[Any, Any, str | None]:

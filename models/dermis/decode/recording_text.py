@@ -23,7 +23,7 @@ from dermis.scene.stimulus import VALUES_MAX
 Floats = NDArray[np.float64]
 
 _TIME = re.compile(
-    r"[%#]?(.*[./ _])?(time|t|stamp|timestamp|elapsed|(nano|micro|milli)?seconds?|[nmu]?s(ecs?)?)([ _.\[(].*)?",
+    r"[%#]?(.*[./ _])?(time|t|ts|stamp|timestamp|elapsed|zeit|(nano|micro|milli)?seconds?|[nmu]?s(ecs?)?)([ _.\[(].*)?",
     re.IGNORECASE,
 )
 _TIME_UNIT = re.compile(
@@ -59,7 +59,11 @@ NEWTONS = {
     "lbs": 4.448222,
 }
 """N of a unit of force."""
-_MM = {"mm": 1.0, "cm": 10.0, "m": 1e3, "in": 25.4, "inch": 25.4, "inches": 25.4}
+_MM = {
+    "mm": 1.0, "millimeters": 1.0, "cm": 10.0, "centimeters": 10.0, "m": 1e3, "meters": 1e3, "in": 25.4, "inch": 25.4,
+    "inches": 25.4,
+}  # fmt: skip
+_PICTURE = re.compile(r"\W*pict-?no\.?:?\s*(\d+)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -178,6 +182,8 @@ def read(path: Path, data: bytes, layout: Layout) -> Found:
     head = [line.strip(' ",;\t').lower() for line in lines[:4000]]
     if any(h.startswith("rows") for h in head) and any(_LABEL.match(h) for h in head):
         return _maker(path, lines, layout)
+    if any(_PICTURE.match(line) for line in lines):
+        return _emed(path, lines, layout)
     return _Table(path, lines, layout).found()
 
 
@@ -310,12 +316,9 @@ class _Table:
         known = dict(self.lines)
         for n in range(self.lines[0][0], len(lines) + 1):
             line, label = lines[n - 1], _LABEL.match(lines[n - 1])
-            if (
-                n in known
-                and not label
-                and not line.lstrip().startswith(("#", "%"))
-                and line not in self.head
-            ):
+            # MVP and MPP of novel are the mean and the largest of each column.
+            apart = label or line.lstrip().startswith(("#", "%", "MVP", "MPP")) or line in self.head
+            if n in known and not apart:
                 kept.append((n, line))
                 block.append(number)
                 continue
@@ -377,7 +380,9 @@ class _Table:
         words = [c for c in cells if not re.fullmatch(r"\d+", c)]
         if len(numbers) < 2 or len(set(numbers.values())) > 1 or any(_is(c) and c for c in words):
             return False
-        if min(numbers) not in (0, 1) or max(numbers) - min(numbers) + 1 != len(numbers):
+        consecutive = min(numbers) in (0, 1) and max(numbers) - min(numbers) + 1 == len(numbers)
+        # Beside a name, as novel writes time[secs] and the numbers of its sensors, any numbers that rise are names.
+        if not consecutive and not (any(words) and list(numbers) == sorted(numbers)):
             return False
         below = self._cells(self.lines[1][1]) if len(self.lines) > 1 else []
         if words and any(not _is(c) or not c for c in below[:1] if not words[0]):
@@ -437,12 +442,22 @@ class _Table:
             and not _OTHER.match(re.split(r"[./]", said[k])[-1])
             and not is_time(said[k])
         ]
+        if len(strange) > max(8, len(columns) / 4) and chosen is None and not layout.part:
+            shown = one_line(", ".join(strange[:4]), 80)
+            raise self._ask(
+                "header", f"{len(strange)} columns as {shown}", "--taxels FIRST..LAST by number, or --part N"
+            )
         if strange and chosen is None and not layout.part:
             warn(self.path, f"columns that are taken for no taxels: {one_line(', '.join(strange[:8]), 200)}")
         found = Found(
             values, time, unit, by_line=by_line, shape=shape, order=order, ignored=[said[k] for k in out]
         )
         found.time_from = " and ".join(said[k] for k in keys) or "the file"
+        stated = next(
+            (m for h in self.head if (m := re.search(r"pressure values in\s+(\S+)", h, re.IGNORECASE))), None
+        )
+        if stated is not None and stated[1].lower() in KPA:
+            found.values, found.unit = values * KPA[stated[1].lower()], "kpa"
         self._counters(table[:, 1] if row_key is not None and frame_key is not None else None, out)
         if row_key is not None:
             return self._rows(found, table[:, 0], table[:, 1] if frame_key is not None else time)
@@ -591,13 +606,30 @@ class _Table:
     def _flat(self, columns: list[int], numbers: NDArray, word: str):
         """Return the layout of names with one number."""
         low, count = int(numbers.min()), len(columns)
+        size = self.layout.rows * self.layout.cols if self.layout.rows and self.layout.cols else None
         if low > 1 or sorted(numbers.tolist()) != list(range(low, low + count)):
+            if (
+                size is not None
+                and (numbers.max() == size or (low == 0 and numbers.max() < size))
+                and count < size
+            ):
+                # Numbers of places in the array: those without a column have no taxel.
+                places: list[int | None] = [None] * size
+                for k, n in zip(columns, (numbers - (numbers.max() == size)).tolist(), strict=True):
+                    places[n] = k
+                warn(self.path, f"{size - count} of {size} numbers have no column: no taxel there")
+                return f"by names, {self.names[columns[0]]} first, row by row", places, None, True
             lost = sorted(set(range(int(numbers.max()) + 1)) - set(numbers.tolist()) - {0})
             said = f"{count} names as {self.names[columns[0]]}, {f'not {lost[0]}' if lost else f'from {low}'}"
-            raise self._ask("header", said, "numbers from 0 or 1 without a gap, or --taxels FIRST..LAST")
+            allowed = (
+                "numbers from 0 or 1 without a gap, --rows and --cols that have the last one, or --taxels"
+            )
+            raise self._ask("header", said, allowed)
         ordered = [columns[k] for k in np.argsort(numbers)]
-        size = self.layout.rows * self.layout.cols if self.layout.rows and self.layout.cols else None
-        a_row = word in _COL and count != size
+        # A data frame of rows names its columns by numbers.
+        a_row = count != size and (
+            word in _COL or (self.names[columns[0]].isdigit() and count == self.layout.cols)
+        )
         if word in (*_COL, *_ROW) and size is None and "row" not in [n.lower() for n in self.names]:
             if self.layout.cols != count or word in _ROW:
                 allowed = "--rows and --cols: a line may be a row of a frame, or a frame"
@@ -888,6 +920,63 @@ def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
         found.values, found.unit = values * KPA[unit], "kpa"
     elif unit in NEWTONS:
         found.values, found.unit = values * NEWTONS[unit], "newtons"
+    return found
+
+
+def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
+    """Read a list of novel emed: pictures with numbers of rows and columns at their margins, and sums as Force."""
+    frames: list[tuple[int, dict[tuple[int, int], float]]] = []
+    columns: list[str] = []
+    inside = False
+    for number, line in enumerate(lines, 1):
+        cells = line.replace(",", ".").split()
+        if match := _PICTURE.match(line):
+            if not frames or frames[-1][0] != int(match[1]):  # else another page of the same picture
+                frames.append((int(match[1]), {}))
+            columns, inside = [], True
+        elif inside and not columns:
+            columns = cells if cells and all(c.isdigit() or c == "Force" for c in cells) else []
+        elif inside and cells and cells[0].isdigit():
+            if len(cells) != len(columns) + 1 or not all(map(_is, cells)):
+                raise InputError(
+                    path, f"line {number}", one_line(line, 40), f"a row and {len(columns)} values"
+                )
+            for column, cell in zip(columns, cells[1:], strict=True):
+                if column != "Force":
+                    frames[-1][1][int(cells[0]), int(column)] = float(cell)
+        elif columns:
+            inside = False
+    places = np.array([at for _, frame in frames for at in frame])
+    if not places.size:
+        raise InputError(path, "pictures", 0, "a picture with numbers of rows and columns")
+    low, high = places.min(axis=0), places.max(axis=0)
+    rows, cols = (high - low + 1).tolist()
+    if (layout.rows or rows, layout.cols or cols) != (rows, cols):
+        low, (rows, cols) = np.array([1, 1]), (layout.rows or high[0], layout.cols or high[1])
+        if (high > (rows, cols)).any():
+            raise InputError(path, "--rows, --cols", f"{rows}, {cols}", f"at least {high[0]} and {high[1]}")
+    # A picture shows the part that is pressed.
+    values = np.zeros((len(frames), rows, cols))
+    for n, (_, frame) in enumerate(frames):
+        for (r, c), value in frame.items():
+            values[n, r - low[0], c - low[1]] = value
+    head = " ".join(lines[: lines.index(next(line for line in lines if _PICTURE.match(line)))])
+    found = Found(
+        values, number=np.array([n for n, _ in frames], dtype=float), shape=(rows, cols), time_unit="s"
+    )
+    found.order = f"by the numbers at the margins, rows from {low[0]} and columns from {low[1]}"
+    found.ignored = ["Force"]
+    if step := re.search(r"per picture:?\s*([\d.,]+)\s*(m?s)", head):
+        scale = 1e-3 if step[2] == "ms" else 1.0
+        found.time, found.time_from = (
+            found.number * float(step[1].replace(",", ".")) * scale,
+            "time per picture",
+        )
+    if unit := re.search(r"kPa|N/cm(2|\^2|²)", head):
+        found.values, found.unit = values * (1.0 if unit[0] == "kPa" else 10.0), "kpa"
+    if size := re.search(r"Sensor size\D*([\d.,]+)\s*(mm|cm)?\s*[x*]\s*([\d.,]+)\s*(mm|cm)", head):
+        sides = [float(side.replace(",", ".")) * _MM[size[4]] for side in (size[1], size[3])]
+        found.area_mm2 = sides[0] * sides[1]
     return found
 
 

@@ -124,7 +124,8 @@ def text_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.nda
         columns.insert(choose([0, len(columns)]), (title, stamps))
     else:
         options["rate_hz"], time = 1 / T_FRAME_S, T_FRAME_S * np.arange(frames)
-    if choose([False] * 9 + [True]):
+    # Without names, one column less and another one more cannot be known.
+    if choose([False] * 9 + [True]) and kind == "names":
         del columns[choose(range(len(columns)))]
     head = [mark.join(n for n, _ in columns)] if kind == "names" else []
     lines = head + [mark.join(cells[n] for _, cells in columns) for n in range(frames)]
