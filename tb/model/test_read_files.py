@@ -333,7 +333,12 @@ def test_two_sensors_of_a_frame_are_asked_for(load) -> None:
 
 
 def test_emed(load) -> None:
-    lines = ["Sensor size: 0.500 x 0.500 cm", "Time per picture: 20.00 ms", "Pressure values in kPa", ""]
+    lines = [
+        "File: x\tMatrix: 64x95",
+        "\tSensor area: 0.25 cm²\tTime/picture:20.0 ms",
+        "Sensor size: 0.500x0.500 cm",
+        "",
+    ]
     for n, frame in enumerate(FRAMES[:5]):
         for half in (range(3), range(3, 6)):  # two pages a picture
             lines += [
@@ -342,7 +347,9 @@ def test_emed(load) -> None:
                 "",
                 "  ".join(str(c + 11) for c in half) + "  Force",
             ]
-            lines += [f"{r + 21} " + " ".join(f"{frame[r, c]:g}" for c in half) + " 999" for r in range(4)]
+            for r in range(4):
+                row = [*frame[r, list(half)], frame[r, list(half)].sum() * 0.025]
+                lines.append(f"{r + 21} " + " ".join(f"{v:.2f}" for v in row))
             lines += ["Force " + "999 " * 4, "\x0c"]
     lines += ["Page 9", "MVP", "", "11 12", "21 999 999"]
     found = load("\n".join(lines), "touch.lst")
@@ -359,10 +366,21 @@ def test_pliance_and_pedar(load) -> None:
         f"{0.02 * n:.5f}  " + "  ".join(f"{FRAMES[n].ravel()[k - 1]:.3f}" for k in present) for n in range(20)
     ]
     names = "time[secs]  " + "  ".join(map(str, present))
-    text = "\n".join([head.replace("\t", " ") + "electrical:", names, *lines, "MVP  " + "9  " * 16])
+    text = "\n".join(
+        [
+            head.replace("\t", " ") + "electrical:",
+            names,
+            *lines,
+            "MVP  " + "9  " * 16,
+            "",
+            "time[secs] force[N]",
+            "0.02 9",
+        ]
+    )
     with pytest.raises(InputError, match="--rows and --cols"):
         load(text, "touch.asc")
     found = load(text, "touch.asc", **SIZE)
+    assert "another table begins at line 29" in load.said
     assert (found.values[:, found.present] == FRAMES[:, found.present]).all()
     assert found.present.sum() == len(present)
     assert found.unit == "kpa"

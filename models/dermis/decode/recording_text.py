@@ -41,6 +41,8 @@ _EMPTY = {"", "-", "--", "null", "none", "nan", "na", "n/a", "#n/a", "nil", "mis
 _LABEL = re.compile(r"[\W_]*frame\b[\W_]*(\d+)(.*)", re.IGNORECASE)
 _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
+# Forces of 1 N have two digits behind the point.
+_MARGIN = 0.02
 _NUMBERS_SURE = 16
 """A first line 0, 1, 2, ... of fewer values may be a frame, and is asked for."""
 
@@ -316,6 +318,10 @@ class _Table:
         known = dict(self.lines)
         for n in range(self.lines[0][0], len(lines) + 1):
             line, label = lines[n - 1], _LABEL.match(lines[n - 1])
+            words = line.split(None, 1)[:1] if block and n in known and line.lstrip()[:1].isalpha() else []
+            if words and is_time(words[0]) and not self._starts(line) and line not in self.head:
+                warn(self.path, f"another table begins at line {n}, and is left out: {one_line(line, 40)}")
+                break
             # MVP and MPP of novel are the mean and the largest of each column.
             apart = label or line.lstrip().startswith(("#", "%", "MVP", "MPP")) or line in self.head
             if n in known and not apart:
@@ -664,8 +670,9 @@ class _Table:
         moments: list[list[str]] = []
         comma = point = False
         for i, (number, line) in enumerate(self.lines):
-            cells = self._cells(line)
-            if len(cells) != self.width:
+            plain = not any(mark in line for mark in '"[(')
+            cells = line.split(self.mark) if plain else self._cells(line)
+            if len(cells) - (plain and self.trailing) != self.width:
                 raise self._ask(f"line {number}", f"{len(cells)} values", f"{self.width}, as the first line")
             wanted = [cells[k] for k in columns]
             try:
@@ -673,6 +680,8 @@ class _Table:
                     raise ValueError
                 table[i] = [float(cell) for cell in wanted]
             except ValueError:
+                cells = self._cells(line)
+                wanted = [cells[k] for k in columns]
                 for n, cell in enumerate(wanted):
                     try:
                         table[i, n] = _value(cell)
@@ -685,7 +694,7 @@ class _Table:
             if comma or i == 0:
                 point = point or any("." in cell for cell in wanted)
             if keys:
-                moments.append([cells[k] for k in keys])
+                moments.append(_bare([cells[k].strip() for k in keys]))
         if comma and (point or any("." in self._cells(line)[k] for _, line in self.lines for k in columns)):
             raise self._ask("numbers", "decimal commas and points", "one of them")
         return (table, *self._moments(moments, keys)) if keys else (table, None, None)
@@ -927,6 +936,7 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
     """Read a list of novel emed: pictures with numbers of rows and columns at their margins, and sums as Force."""
     frames: list[tuple[int, dict[tuple[int, int], float]]] = []
     columns: list[str] = []
+    sums: list[tuple[list[float], float]] = []
     inside = False
     for number, line in enumerate(lines, 1):
         cells = line.replace(",", ".").split()
@@ -941,6 +951,8 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
                 raise InputError(
                     path, f"line {number}", one_line(line, 40), f"a row and {len(columns)} values"
                 )
+            if columns[-1] == "Force":
+                sums.append(([float(cell) for cell in cells[1:-1]], float(cells[-1])))
             for column, cell in zip(columns, cells[1:], strict=True):
                 if column != "Force":
                     frames[-1][1][int(cells[0]), int(column)] = float(cell)
@@ -966,17 +978,20 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
     )
     found.order = f"by the numbers at the margins, rows from {low[0]} and columns from {low[1]}"
     found.ignored = ["Force"]
-    if step := re.search(r"per picture:?\s*([\d.,]+)\s*(m?s)", head):
+    if step := re.search(r"Time(?:/| per )picture:?\s*([\d.,]+)\s*(m?s)", head):
         scale = 1e-3 if step[2] == "ms" else 1.0
         found.time, found.time_from = (
             found.number * float(step[1].replace(",", ".")) * scale,
             "time per picture",
         )
-    if unit := re.search(r"kPa|N/cm(2|\^2|²)", head):
-        found.values, found.unit = values * (1.0 if unit[0] == "kPa" else 10.0), "kpa"
-    if size := re.search(r"Sensor size\D*([\d.,]+)\s*(mm|cm)?\s*[x*]\s*([\d.,]+)\s*(mm|cm)", head):
-        sides = [float(side.replace(",", ".")) * _MM[size[4]] for side in (size[1], size[3])]
-        found.area_mm2 = sides[0] * sides[1]
+    if size := re.search(r"Sensor size\D*([\d.,]+)\s*(?:mm|cm)?\s*[x*]\s*([\d.,]+)\s*(mm|cm)", head):
+        found.area_mm2 = math.prod(float(side.replace(",", ".")) * _MM[size[3]] for side in size.groups()[:2])
+        # The margins have newtons, so they tell the unit of the values.
+        known = [(sum(values), force) for values, force in sums if force > 1]
+        unit_n = np.median([force / total for total, force in known]) / found.area_mm2 if known else 0.0
+        factor = next((f for f in (1.0, 10.0) if abs(unit_n * 1e3 / f - 1) < _MARGIN), None)
+        if factor is not None:
+            found.values, found.unit = values * factor, "kpa"
     return found
 
 
