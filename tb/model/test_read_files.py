@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import gzip
+import random
 import re
 import warnings
 from collections.abc import Callable
@@ -226,6 +227,14 @@ def test_axes_that_cannot_be_known_are_asked_for(load, tmp_path: Path, shape: tu
         load((tmp_path / "made.npy").read_bytes(), "touch.npy", **RATE)
 
 
+def test_the_times_of_an_npz_are_found(load, tmp_path: Path) -> None:
+    np.savez(tmp_path / "made.npz", force=FRAMES, time_ms=20 * np.arange(20), note=np.array("left"))
+    for key in (None, "force"):
+        found = load((tmp_path / "made.npz").read_bytes(), "touch.npz", key=key, **SIZE)
+        assert (found.values == FRAMES).all()
+        assert found.time_s == pytest.approx(0.02 * np.arange(20))
+
+
 def test_matlab_files_and_gzip(load, tmp_path: Path) -> None:
     scipy_io = pytest.importorskip("scipy.io")
     scipy_io.savemat(
@@ -397,6 +406,41 @@ def test_pliance_and_pedar(load) -> None:
 def test_no_drawn_file_is_read_wrongly_without_a_warning(tmp_path: Path) -> None:
     counts = files.count(tmp_path, 120)
     assert counts["right"] > counts["refused"] + counts["warned"]
+
+
+def test_damaged_files_end_in_one_line(tmp_path: Path) -> None:
+    draw = random.Random(3)
+    pieces = (
+        b"",
+        b"Frame 3\n",
+        b"# x\n",
+        b"\n\n",
+        b'"',
+        b"[",
+        b"]",
+        b",",
+        b"time,",
+        b"\0",
+        b"9" * 400,
+        b"12:00:00",
+        b"MVP",
+    )
+    layouts = (Layout(), Layout(4, 6, **RATE), Layout(part=1), Layout(skip=1, **RATE), Layout(time_key="0"))
+    said: list[str] = []
+    for _ in range(150):
+        content = bytearray(files.text_file(lambda options: draw.choice(list(options)))[0])
+        for _ in range(draw.choice([1, 2, 5])):
+            at = draw.randrange(len(content) + 1)
+            content[at : at + draw.choice([0, 1, 60])] = draw.choice(pieces)
+        (tmp_path / "damaged.csv").write_bytes(content)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                recording.load(tmp_path / "damaged.csv", draw.choice(layouts))
+            except InputError as error:
+                said.append(str(error))
+    assert 0 < len(said) < 150
+    assert not any("\n" in line for line in said)
 
 
 def test_a_reader_that_ignores_names_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

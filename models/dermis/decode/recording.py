@@ -191,7 +191,8 @@ def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         names = [name.removesuffix(".npy") for name in archive.namelist()]
     if layout.key is not None or len(names) > _MEMBERS:
-        names = [name for name in (layout.key, layout.time_key) if name is not None]
+        timed = [name for name in names[:_MEMBERS] if text.is_time(name)] if layout.time_key is None else []
+        names = [name for name in (layout.key, layout.time_key, *timed) if name is not None]
     found = {}
     for name in names or [None]:
         with contextlib.suppress(

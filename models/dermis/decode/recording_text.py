@@ -38,7 +38,7 @@ _OTHER = re.compile(
 """Beginnings of names that are known to be no taxel: other columns that are left out are warned of."""
 _ROW, _COL = ("r", "row", "y"), ("c", "col", "column", "x")
 _EMPTY = {"", "-", "--", "null", "none", "nan", "na", "n/a", "#n/a", "nil", "missing"}
-_LABEL = re.compile(r"[\W_]*frame\b[\W_]*(\d+)(.*)", re.IGNORECASE)
+_LABEL = re.compile(r"[\W_]*frame\b[\W_]*(\d{1,9})(.*)", re.IGNORECASE)
 _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
 # Forces of 1 N have two digits behind the point.
@@ -65,7 +65,9 @@ _MM = {
     "mm": 1.0, "millimeters": 1.0, "cm": 10.0, "centimeters": 10.0, "m": 1e3, "meters": 1e3, "in": 25.4, "inch": 25.4,
     "inches": 25.4,
 }  # fmt: skip
-_PICTURE = re.compile(r"\W*pict-?no\.?:?\s*(\d+)", re.IGNORECASE)
+PLACES_MAX = 1 << 16
+"""The largest array: 256 x 256."""
+_PICTURE = re.compile(r"\W*pict-?no\.?:?\s*(\d{1,9})", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -280,12 +282,18 @@ class _Table:
         self.head = [line for _, line in filled[:start]]
         self.lines = filled[start:]
         self.block, self.label = self._blocks(lines)
+        if not self.lines:
+            raise InputError(path, "lines", "a header only", "at least one line of numbers")
         # Every line ends with a mark that separates nothing.
         self.trailing = bool(self.mark) and all(
             line.rstrip(" ").endswith(self.mark or "") for _, line in self.lines
         )
         self.names = self._names()
         self.width = len(self._cells(self.lines[0][1]))
+        if self.names and len(self.names) != self.width:
+            raise self._ask(
+                "header", f"{len(self.names)} names", f"{self.width}, as many as a line has values"
+            )
         sample = [self._cells(line) for _, line in (*self.lines[:20], self.lines[-1])]
         self.sample = [row for row in sample if len(row) == self.width]
         if len(self.sample) < len(sample):
@@ -382,8 +390,8 @@ class _Table:
 
     def _is_numbered(self, cells: list[str]) -> bool:
         """Return True for a first line of numbers of columns: 0, 1, 2, ... or 1, 2, 3, ..."""
-        numbers = Counter(int(c) for c in cells if re.fullmatch(r"\d+", c))
-        words = [c for c in cells if not re.fullmatch(r"\d+", c)]
+        numbers = Counter(int(c) for c in cells if re.fullmatch(r"\d{1,6}", c))
+        words = [c for c in cells if not re.fullmatch(r"\d{1,6}", c)]
         if len(numbers) < 2 or len(set(numbers.values())) > 1 or any(_is(c) and c for c in words):
             return False
         consecutive = min(numbers) in (0, 1) and max(numbers) - min(numbers) + 1 == len(numbers)
@@ -567,7 +575,11 @@ class _Table:
                 "header", listed, "--part N for one of several arrays, or --taxels FIRST..LAST by number"
             )
         columns = groups[parts[0]]
-        numbers = np.array([_template(self.names[k])[1] for k in columns])
+        numbers = np.array([[min(n, PLACES_MAX) for n in _template(self.names[k])[1]] for k in columns])
+        if numbers.max() >= PLACES_MAX:
+            raise self._ask(
+                "header", self.names[columns[0]], f"numbers below {PLACES_MAX}, or --taxels FIRST..LAST"
+            )
         texts = re.split("#", parts[0][0])
         changing = [d for d in range(numbers.shape[1]) if len(set(numbers[:, d])) > 1]
         words = [
@@ -602,6 +614,8 @@ class _Table:
             raise self._ask(
                 "header", f"{rows} x {cols} places", "--rows and --cols, or --taxels for one of two arrays"
             )
+        if rows * cols > PLACES_MAX:
+            raise self._ask("header", f"{rows} x {cols} places", f"at most {PLACES_MAX}")
         places: list[int | None] = [None] * (rows * cols)
         for k, (r, c) in zip(columns, numbers.tolist(), strict=True):
             places[r * cols + c] = k
@@ -702,7 +716,7 @@ class _Table:
     def _moments(self, moments: list[list[str]], keys: list[int]) -> tuple[Floats, str | None]:
         """Return times from the first one and their unit, which may be unknown."""
         cells = [row[0] for row in moments]
-        whole = all(re.fullmatch(r"-?\d+", c) for row in moments for c in row)
+        whole = all(re.fullmatch(r"-?\d{1,19}", c) for row in moments for c in row)
         if len(keys) == 2:
             if not whole:
                 raise self._ask("time", " ".join(moments[0]), "whole seconds and nanoseconds, or --time-key")
@@ -766,6 +780,8 @@ class _Table:
             new = np.diff(frame) != 0
         index = np.concatenate([[0], np.cumsum(new)]).astype(int)
         rows = self.layout.rows or int(place.max()) + 1
+        if (index[-1] + 1) * rows * found.values.shape[1] > VALUES_MAX:
+            raise self._ask("row", int(row.max()), f"at most {VALUES_MAX} values in all")
         if place.max() >= rows:
             raise self._ask("row", int(row.max()), f"{rows} rows, as --rows says")
         filled = np.zeros((index[-1] + 1, rows), int)
@@ -828,7 +844,7 @@ def square(count: int) -> bool:
 
 def _template(name: str) -> tuple[str, tuple[int, ...]]:
     parts = re.split(r"(\d+)", name)
-    return "#".join(parts[::2]).lower(), tuple(map(int, parts[1::2]))
+    return "#".join(parts[::2]).lower(), tuple(int(n) if len(n) < 19 else PLACES_MAX for n in parts[1::2])
 
 
 def _mark_of(line: str) -> str | None:
@@ -945,8 +961,8 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
                 frames.append((int(match[1]), {}))
             columns, inside = [], True
         elif inside and not columns:
-            columns = cells if cells and all(c.isdigit() or c == "Force" for c in cells) else []
-        elif inside and cells and cells[0].isdigit():
+            columns = cells if cells and all(re.fullmatch(r"[0-9]{1,5}|Force", c) for c in cells) else []
+        elif inside and cells and re.fullmatch(r"[0-9]{1,5}", cells[0]):
             if len(cells) != len(columns) + 1 or not all(map(_is, cells)):
                 raise InputError(
                     path, f"line {number}", one_line(line, 40), f"a row and {len(columns)} values"
@@ -967,6 +983,8 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
         low, (rows, cols) = np.array([1, 1]), (layout.rows or high[0], layout.cols or high[1])
         if (high > (rows, cols)).any():
             raise InputError(path, "--rows, --cols", f"{rows}, {cols}", f"at least {high[0]} and {high[1]}")
+    if len(frames) * rows * cols > VALUES_MAX:
+        raise InputError(path, "values", len(frames) * rows * cols, f"at most {VALUES_MAX}")
     # A picture shows the part that is pressed.
     values = np.zeros((len(frames), rows, cols))
     for n, (_, frame) in enumerate(frames):
