@@ -246,6 +246,16 @@ def test_a_mask_and_hdf5(tmp_path: Path) -> None:
     assert not (tmp_path / "out/forces.h5").exists()
 
 
+def test_a_mask_is_no_header(tmp_path: Path) -> None:
+    np.save(tmp_path / "touch.npy", np.full((3, 2, 2), 4.0))
+    (tmp_path / "mask.csv").write_text("0,1\n1,1\n")
+    size = ["--rows", "2", "--cols", "2", "--rate", "50", "--mask", str(tmp_path / "mask.csv")]
+    assert (
+        run(str(tmp_path / "touch.npy"), "--unit", "newtons", *size, "--out", str(tmp_path / "out"))[0] == 0
+    )
+    assert np.argwhere(np.load(tmp_path / "out/forces_n.npy")[0] == 0).tolist() == [[0, 0]]
+
+
 def test_negative_values_need_an_option(tmp_path: Path) -> None:
     np.save(tmp_path / "touch.npy", FRAMES - 0.5)
     arguments = ["--unit", "newtons", "--rate", "50", "--out", str(tmp_path / "out")]

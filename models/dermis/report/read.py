@@ -460,7 +460,9 @@ def _masked(rec: recording.Recording, mask: str) -> recording.Recording:
     rows, cols = rec.present.shape
     allowed = f"{rows} x {cols} values, 0 where there is no taxel"
     try:
-        found = recording.load(mask, recording.Layout(rows, cols, rate_hz=1.0), "--mask").values
+        found = recording.load(
+            mask, recording.Layout(rows, cols, rate_hz=1.0, gaps="refuse", header=False), "--mask"
+        ).values
     except InputError as error:
         raise InputError(mask, error.key, error.value, f"{error.allowed}; {allowed}") from None
     present = rec.present & (found[0] != 0)
