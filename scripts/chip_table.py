@@ -218,7 +218,10 @@ def table(rows: Sequence[verdict.Row]) -> str:
         limit = f"{low} .. {high}" if low or high else ""
         line = cells.setdefault((figure, load[0] if load else ""), {"limit": limit})
         line[k] = f"{row['typical']} ({row['least']} .. {row['most']})"
-    lines = ["| | pressed | k = 20 | 40 | 80 | 160 | limit | unit |", "|---|---|---|---|---|---|---|---|"]
+    lines = [
+        "| quantity | pressed | k = 20 | 40 | 80 | 160 | limit | unit |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     for (figure, load), line in sorted(cells.items(), key=lambda item: list(WORDS).index(item[0][0])):
         values = [line.get(f"k{k}", "") for k in sky130.MIRROR_RATIOS]
         lines.append(f"| {' | '.join((WORDS[figure][0], load, *values, line['limit'], WORDS[figure][1]))} |")

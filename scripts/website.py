@@ -208,6 +208,41 @@ def demo_page(source: Path) -> None:
         page.write_text(text, encoding="utf-8")
 
 
+SHEET_SCALE = 1.25
+"""Size of a sheet on its page: names of pins are 13 px then."""
+
+
+def schematic_pages(source: Path) -> None:
+    """Give each block of schematics.md its own page, and leave a list of them; SimulatorError if a
+    block is there twice.
+    """
+    page = source / "schematics.md"
+    intro, *sections = re.split(r"^## ", page.read_text(encoding="utf-8"), flags=re.M)
+    listed = [intro.rstrip()]
+    for section in sections:
+        title, *blocks = re.split(r"^### ", section, flags=re.M)
+        listed += [f"## {title.strip()}", "| block | purpose |\n|---|---|"]
+        for block in blocks:
+            name, text = block.split("\n", 1)
+            said, picture, _ = text.partition("[![")
+            own = source / "schematics" / f"{name}.md"
+            if own.exists() or not picture:
+                raise SimulatorError(f"docs/schematics.md: block {name} is there twice, or has no picture")
+            drawn = own.with_suffix(".svg").read_text(encoding="utf-8")
+            size = re.search(r'width="([\d.]+)" height="([\d.]+)"', drawn)
+            assert size is not None
+            width, height = (round(SHEET_SCALE * float(number)) for number in size.groups())
+            image = f'<img src="{name}.svg" alt="Sheet of {name}" width="{width}" height="{height}">'
+            own.write_text(
+                f"---\nhide: [toc]\n---\n\n# {name}\n\n{said.strip()}\n\n"
+                f"The sheet scrolls here; [alone it fits a window]({name}.svg).\n\n"
+                f'<div class="sheet" tabindex="0">{image}</div>\n',
+                encoding="utf-8",
+            )
+            listed[-1] += f"\n| [{name}](schematics/{name}.md) | {' '.join(said.split())} |"
+    page.write_text("\n\n".join(listed) + "\n", encoding="utf-8")
+
+
 SHORTENED = ("benchmarks", "characterise", "equivalence", "synthesis")
 """Pages of results whose long tables are cut on the site; all rows go into a csv file."""
 SHOWN_ROWS = 10
@@ -262,6 +297,7 @@ def write_source(source: Path | None = None) -> None:
     (source / "commands.md").write_text(commands_page(), encoding="utf-8")
     (source / "library.md").write_text(api_page(), encoding="utf-8")
     schematics.pictures(source / "schematics")
+    schematic_pages(source)
     shorten_tables(source)
     timing_diagram(design, source / "figures" / "timing.svg")
     page = source / "datasheet.md"

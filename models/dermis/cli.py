@@ -28,7 +28,7 @@ from dermis.processes import children
 LATER = {
     "calibrate": ("dermis.report.calibrate", "Fit a calibration to test currents, loads and load cycles."),
     "report": ("dermis.report.html", "Collect the tables and runs of build/ into pages, with an index."),
-    "read": ("dermis.report.read", "Read a recording with the chip: codes, and forces with intervals."),
+    "read": ("dermis.report.read", "Read a recording: forces with intervals, of codes or through the chip."),
     "ablate": ("dermis.report.ablate", "Measure the cost of each effect of a scene, in codes and time."),
     "plan": ("dermis.report.plan_table", "Show the effects of a scene, and which of them change codes."),
 }

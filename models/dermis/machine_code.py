@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import multiprocessing
 import re
 import sys
 import time
@@ -25,7 +24,9 @@ def announce() -> None:
 
     Machine code that numba kept from an earlier run is loaded without a word.
     """
-    if "numba" in sys.modules and multiprocessing.parent_process() is None:
+    # multiprocessing is loaded only where there are workers; those say nothing.
+    workers = sys.modules.get("multiprocessing.process")
+    if "numba" in sys.modules and (workers is None or workers.parent_process() is None):
         _listen()
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from dermis import __version__
 from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
-from dermis.errors import SimulatorError, install_line
+from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.places import BUILD, ROOT
 from dermis.processes import children
@@ -57,7 +57,7 @@ PATTERN_SEED = 19
 def have_compiler() -> str | None:
     """Return the reason why the page cannot be built here, or None."""
     if importlib.util.find_spec("ziglang") is None:
-        return f"Python package ziglang is not installed: make demo, or {install_line('demo')}"
+        return "Python package ziglang is not installed (make demo installs it)"
     return None
 
 

@@ -20,6 +20,7 @@ from dermis.decode.recording import Layout
 from dermis.errors import InputError
 from dermis.report import read, verdict
 from dermis.scene.design import ROOT
+from dermis.skin import Skin
 
 FRAMES = np.round(np.random.default_rng(0).uniform(0, 9, (7, 4, 6)), 3)
 TIME = 100.0 + 0.02 * np.arange(7)
@@ -41,7 +42,7 @@ TEXTS: dict[str, tuple[str, dict]] = {
     "space": (text("  "), {**SIZE, "rate_hz": 50.0}),
     "decimal comma": (text(";").replace(".", ","), {**SIZE, "rate_hz": 50.0}),
     "header": (text(",", ",".join(NAMES)), {**SIZE, "rate_hz": 50.0}),
-    "time column": (text(",", None, lambda n: [f"{TIME[n]:.3f}"]), SIZE),
+    "time column": (text(",", None, lambda n: [f"{TIME[n]:.3f}"]), {**SIZE, "time_key": "0"}),
     "named time": (text(",", "time_s," + ",".join(NAMES), lambda n: [f"{TIME[n]:.3f}"]), {"rows": 4}),
     "milliseconds": (
         text(",", "t," + ",".join(NAMES), lambda n: [f"{20 * n}"]), {**SIZE, "time_unit": "ms"}
@@ -122,15 +123,16 @@ def test_places_without_a_taxel_are_found(tmp_path: Path) -> None:
             "--skip",
         ),
         (text(",", "t," + ",".join(NAMES), lambda n: [str(20 * n)]), SIZE, "--time-unit"),
-        (text(",", None, lambda n: [str(-n)]), SIZE, "later than the frame before"),
+        (text(",", None, lambda n: [str(-n)]), {**SIZE, "time_key": "0"}, "later than the frame before"),
+        (text(",", None, lambda n: [str(n / 2)]), SIZE, "--skip N, --taxels"),
         (text(",").replace("\n", ",1\n", 1), {**SIZE, "rate_hz": 1.0}, "line 2"),
         ("", SIZE, "at least one line"),
         ("a,b\n", SIZE, "header only"),
         (text(",").replace("0", "x", 1), {**SIZE, "rate_hz": 1.0}, "a number"),
         (
             text(",").replace(FRAMES[1, 0, 1].astype(str), "nan", 1),
-            {**SIZE, "rate_hz": 1.0},
-            "= nan: a finite",
+            {**SIZE, "rate_hz": 1.0, "gaps": "refuse"},
+            "= missing: a number",
         ),
         ("1 2 3 4\n" * 8, {"rate_hz": 1.0}, "--rows 2 --cols 2 if a line is a frame"),
         ("a,b,c\n1,2\n", {"rate_hz": 1.0}, "header = 3 names"),
@@ -150,7 +152,7 @@ def test_lost_frames_are_warned_of(tmp_path: Path) -> None:
     path = tmp_path / "touch.csv"
     path.write_text(text(",", None, lambda n: [f"{time[n]:.3f}"]))
     with pytest.warns(UserWarning, match="frames lost"):
-        recording.load(path, Layout(**SIZE))
+        recording.load(path, Layout(**SIZE, time_key="0"))
 
 
 def run(*arguments: str) -> tuple[int, str]:
@@ -244,6 +246,16 @@ def test_a_mask_and_hdf5(tmp_path: Path) -> None:
     assert not (tmp_path / "out/forces.h5").exists()
 
 
+def test_a_mask_is_no_header(tmp_path: Path) -> None:
+    np.save(tmp_path / "touch.npy", np.full((3, 2, 2), 4.0))
+    (tmp_path / "mask.csv").write_text("0,1\n1,1\n")
+    size = ["--rows", "2", "--cols", "2", "--rate", "50", "--mask", str(tmp_path / "mask.csv")]
+    assert (
+        run(str(tmp_path / "touch.npy"), "--unit", "newtons", *size, "--out", str(tmp_path / "out"))[0] == 0
+    )
+    assert np.argwhere(np.load(tmp_path / "out/forces_n.npy")[0] == 0).tolist() == [[0, 0]]
+
+
 def test_negative_values_need_an_option(tmp_path: Path) -> None:
     np.save(tmp_path / "touch.npy", FRAMES - 0.5)
     arguments = ["--unit", "newtons", "--rate", "50", "--out", str(tmp_path / "out")]
@@ -264,6 +276,114 @@ def test_a_calibration_of_another_chip_fails(tmp_path: Path) -> None:
     status, said = run(str(tmp_path / "touch.npy"), *arguments, "--calibration", str(tmp_path / "other.toml"))
     assert status == 1
     assert "column 2" in said
+
+
+# ---- codes, and values that are missing
+
+WEAK = """[stimulus]
+kind = "uniform"
+force_n = 0.0
+[effects]
+row_driver = {r_ohm = 25.0}
+column_input = {r_ohm = 20.0}
+lateral = {r_ohm = 1000.0}
+"""
+"""Drivers and inputs that take 2.3 N of 8 N away."""
+
+
+def decoded(out: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return tuple(np.load(out / f"forces{part}_n.npy") for part in ("", "_low", "_high"))
+
+
+def test_codes_are_decoded_as_by_skin(tmp_path: Path) -> None:
+    (tmp_path / "chip.toml").write_text(WEAK + "[array]\nrows = 8\ncols = 8\n")
+    skin = Skin(tmp_path / "chip.toml")
+    force = np.full((3, 8, 8), 8.0)
+    codes = skin.read(force)
+    np.save(tmp_path / "codes.npy", codes)
+    wanted = skin.decode(codes)
+    skin.decoder.calibration.save(tmp_path / "known.toml")
+    base = [str(tmp_path / "codes.npy"), "--unit", "codes", "--rate", "100", "--out", str(tmp_path / "out")]
+    chips = (["--scene", str(tmp_path / "chip.toml")], ["--calibration", str(tmp_path / "known.toml")])
+    for chip in chips:
+        status, said = run(*base, *chip)
+        assert status == 0, said
+        force_n, low, high = decoded(tmp_path / "out")
+        assert (force_n == wanted.force_n).all()
+        # Half a code of 15 N.
+        assert np.abs(force_n - 8).max() < 0.5 * 15 / 255 * 1.5
+        assert ((low <= 8) & (high >= 8)).all()
+        assert (np.load(tmp_path / "out/codes.npy") == codes).all()
+    # Taken as forces of an ideal chip they are 2 N less.
+    assert run(*base, *chips[0], "--through-chip")[0] == 0
+    assert np.abs(decoded(tmp_path / "out")[0] - 8).max() > 1
+    assert "--scene or --calibration" in run(*base)[1]
+
+
+def test_codes_with_fractions_or_a_scale_are_questions(tmp_path: Path) -> None:
+    np.save(tmp_path / "codes.npy", FRAMES)
+    base = [str(tmp_path / "codes.npy"), "--unit", "codes", "--rate", "100", "--out", str(tmp_path / "out")]
+    for more in ([], ["--scale", "2"]):
+        with pytest.raises(InputError, match="--through-chip"):
+            run(*base, *more)
+
+
+@pytest.mark.parametrize("unit", ["newtons", "codes"])
+def test_a_missing_value_opens_its_own_interval_only(tmp_path: Path, unit: str) -> None:
+    skin = Skin(read.chip_of(4, 6, None))
+    values = FRAMES if unit == "newtons" else skin.read(FRAMES).astype(float)
+    base = ["--unit", unit, "--rate", "50", "--out", str(tmp_path / "out")]
+    np.save(tmp_path / "whole.npy", values)
+    run(str(tmp_path / "whole.npy"), *base)
+    whole = decoded(tmp_path / "out")[0]
+    gap = values.copy()
+    gap[2, 1, 3] = np.nan
+    np.save(tmp_path / "gap.npy", gap)
+    status, said = run(str(tmp_path / "gap.npy"), *base)
+    assert status == 0, said
+    force, low, high = decoded(tmp_path / "out")
+    assert np.argwhere(np.isnan(force)).tolist() == [[2, 1, 3]]
+    assert (low[2, 1, 3], high[2, 1, 3]) == (0, np.inf)
+    others = ~np.isnan(force)
+    # A code of another taxel moves these by the droop that its current makes: less than a code of 15 N.
+    assert np.abs(force - whole)[others].max() < 15 / 255
+    assert np.isfinite(high[others]).all()
+    assert ((low <= FRAMES) & (high >= FRAMES))[others].all()
+    back = recording.load(tmp_path / "out/forces_n.csv", Layout())
+    # The csv has six digits.
+    assert back.values == pytest.approx(force, rel=1e-5, nan_ok=True)
+    assert np.isnan(recording.load(tmp_path / "out/codes.csv", Layout()).values).sum() == 1
+    assert run(str(tmp_path / "gap.npy"), *base, "--missing", "hold")[0] == 0
+    assert np.isfinite(decoded(tmp_path / "out")[0]).all()
+    with pytest.raises(InputError, match="frame 2, row 1, column 3"):
+        run(str(tmp_path / "gap.npy"), *base, "--missing", "refuse")
+    with pytest.raises(InputError, match="a number, refuse or hold"):
+        run(str(tmp_path / "gap.npy"), *base, "--missing", "perhaps")
+
+
+def test_the_command_prints_what_it_understood(tmp_path: Path) -> None:
+    path = tmp_path / "touch.csv"
+    path.write_text(text(",", "sum,time_ms," + ",".join(NAMES), lambda n: ["7", f"{20 * n}"]))
+    base = [str(path), "--rows", "4", "--cols", "6", "--unit", "newtons", "--out", str(tmp_path / "out")]
+    said = run(*base)[1]
+    for line in (
+        "4 rows x 6 columns",
+        "50 frames/s, time from time_ms, in ms",
+        "by names, taxel_0",
+        "ignored  sum",
+    ):
+        assert line in said
+    assert json.loads((tmp_path / "out/summary.json").read_text())["understood"]["order"].startswith(
+        "by names"
+    )
+    pressed = np.zeros((2, 40, 70))
+    pressed[1, 39, 69] = 3.0
+    head, *lines = read.touch_map(pressed)
+    assert head.startswith("frame 1, 3 N in all")
+    assert (len(lines), len(lines[0]), lines[-1][-1], lines[0][0]) == (20, 35, "@", ".")
+    for more, key in ((["--taxels", "9"], "--taxels"), (["--axes", "rows,frames"], "--axes")):
+        with pytest.raises(InputError, match=key):
+            run(*base, *more)
 
 
 # ---- rows of interest
@@ -334,7 +454,7 @@ def test_the_page_has_the_rows_of_the_recordings(tmp_path: Path, gait_csv: Path)
     touch = [str(ROOT / "models/scenes/recorded_touch.csv"), "--unit", "newtons", "--rate", "100"]
     found = [(*touch, "--rows", "16", "--cols", "16")]
     if gait_csv.name == "fscan_gait_16x16.csv":
-        found.append((str(gait_csv), "--unit", "codes", "--rate", "31.25"))
+        found.append((str(gait_csv), "--unit", "codes", "--rate", "31.25", "--through-chip"))
     for arguments in found:
         assert run(*arguments, "--out", str(tmp_path / "out"))[0] == 0
         summary = json.loads((tmp_path / "out/summary.json").read_text())

@@ -52,7 +52,7 @@ def test_any_wrong_bit_is_refused() -> None:
 OTHERS = {
     "number": 3,
     "gate_clocks": 509,
-    "slots": (1, 0),
+    "slots": (0, 2),
     "test": True,
     "pedestal_mode": 1,
     "dark": True,

@@ -58,12 +58,11 @@ def test_a_report_page_is_accessible(driver: Any, tmp_path: Path, command: list[
 
 @pytest.fixture(scope="module")
 def site() -> Path:
-    if COMPILER:
-        pytest.skip(COMPILER)
     website.build()
     return BUILD / "site"
 
 
+@pytest.mark.skipif(bool(COMPILER), reason=str(COMPILER))
 def test_the_first_page_of_the_site_runs_the_chip(driver: Any, site: Path) -> None:
     from selenium.webdriver.support.ui import WebDriverWait
 
@@ -79,8 +78,22 @@ def test_the_first_page_of_the_site_runs_the_chip(driver: Any, site: Path) -> No
     assert complaints(driver, SITE_PX) == []
 
 
-def test_no_page_of_the_site_has_an_error_on_the_console(driver: Any, site: Path) -> None:
-    for page in sorted(site.glob("*.html")):
-        if page.name not in ("index.html", "chip.html", "404.html"):  # the first two have tests of their own
-            driver.get(page.as_uri())
-            assert errors(driver) == [], page.name
+def test_no_page_of_the_site_scrolls_sideways_or_has_an_error_on_the_console(driver: Any, site: Path) -> None:
+    for width, height in SIZES:
+        browser.screen(driver, width, height, False)
+        for page in sorted(site.rglob("*.html")):
+            if page.name not in ("chip.html", "404.html"):  # the first has tests of its own
+                driver.get(page.as_uri())
+                assert errors(driver) == [], page.name
+                assert driver.execute_script(SIDEWAYS) <= 0, (page.name, width)
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("name", ["index", "datasheet", "paper", "schematics", "schematics/ota"])
+def test_a_page_of_the_site_is_accessible(driver: Any, site: Path, name: str, dark: bool) -> None:
+    for width, height in SIZES:
+        browser.screen(driver, width, height, dark)
+        driver.get((site / f"{name}.html").as_uri())
+        shown = driver.execute_script("return getComputedStyle(document.body).backgroundColor")
+        assert (shown != "rgb(255, 255, 255)") == dark
+        assert complaints(driver, SITE_PX) == [], width

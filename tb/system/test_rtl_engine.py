@@ -256,7 +256,7 @@ def writes(text: str) -> str:
         (writes(GOOD[:-3] + "xx\n"), "is not a frame of the host protocol"),
         (writes(BIT_LOST), "frame 0: frame of 18 bytes: CRC"),
         (writes(line(spi_protocol.pack_frame(frame(2)))), "handed over number 2 in place of 1"),
-        (writes(line(spi_protocol.pack_frame(frame(slots=(1, 0))))), "slots (1, 0) in place of (0, 1)"),
+        (writes(line(spi_protocol.pack_frame(frame(slots=(0, 2))))), "slots (0, 2) in place of (0, 1)"),
         (writes(line(spi_protocol.pack_frame(frame(fault=True)))), "fault True in place of False"),
     ],
 )

@@ -117,3 +117,21 @@ def test_the_page_of_the_paper_has_every_figure_and_the_codes_of_the_indenters()
         half = [str(code) for code in line[:8] if code]
         (row,) = (found for found in text.splitlines() if found.startswith(f"| {shape} |"))
         assert (", ".join(dict.fromkeys(half))) in row
+
+
+def test_each_block_has_its_own_page_and_stands_there_once(tmp_path: Path) -> None:
+    source = tmp_path / "schematics"
+    source.mkdir()
+    text = (ROOT / "docs" / "schematics.md").read_text(encoding="utf-8")
+    sheets = {path.stem for path in (ROOT / "spice" / "schematic").glob("*.sch")}
+    for name in sheets:
+        (source / f"{name}.svg").write_text('<svg width="100" height="40">')
+    (tmp_path / "schematics.md").write_text(text)
+    website.schematic_pages(tmp_path)
+    assert {path.stem for path in source.glob("*.md")} == sheets
+    assert 'width="125" height="50"' in (source / "ota.md").read_text()
+    listed = (tmp_path / "schematics.md").read_text()
+    assert all(listed.count(f"](schematics/{name}.md)") == 1 for name in sheets)
+    (tmp_path / "schematics.md").write_text(text)
+    with pytest.raises(SimulatorError, match="there twice"):
+        website.schematic_pages(tmp_path)

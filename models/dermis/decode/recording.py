@@ -1,19 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read a recording of any tactile array: text, npy, npz or HDF5, with time, units and missing taxels."""
+"""Read a recording of any tactile array: text, npy, npz, mat or HDF5, with time, units and missing taxels."""
 
 from __future__ import annotations
 
+import contextlib
+import gzip
+import io
 import re
 import warnings
-from dataclasses import dataclass
-from datetime import UTC, datetime
+import zipfile
+import zlib
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.errors import InputError, optional, quoted
+from dermis.decode import recording_text as text
+from dermis.decode.recording_text import Found, Layout, warn
+from dermis.errors import InputError, optional
 from dermis.scene.schema import read_bytes
 from dermis.scene.stimulus import FILE_BYTES_MAX, VALUES_MAX, npy_array, npz_member
 
@@ -21,42 +27,17 @@ Floats = NDArray[np.float64]
 
 UNITS = ("codes", "newtons", "kpa", "ohm")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_TIME = re.compile(r"[%#]?(.*[./ _])?(time|t|stamp|timestamp|secs?|seconds)([ _.\[(].*)?", re.IGNORECASE)
-_NUMBERED = re.compile(r"(.*?)\[?\d+\D*")
+GAPS = ("keep", "refuse", "hold")
+"""Values that are missing in some frames: kept as NaN, refused, or that of the frame before."""
+AXES = ("frames", "rows", "cols", "taxels")
 # Half a frame: beyond it the nearest whole number of frames is another.
 _TIME_SPREAD = 0.5
 """Part of the median by which a step of time may differ before frames count as lost."""
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Layout that a file does not state; None: taken from the file.
-
-    Attributes
-    ----------
-    rows, cols : int or None
-    key : str or None
-        Array of an npz or HDF5 file.
-    time_key : str or None
-        Array of the times in such a file, or header of the column of a text.
-    skip : int or None
-        Leading columns of a text that are no taxels.
-    time_unit : str or None
-        One of TIME_UNITS.
-    rate_hz : float or None
-        Frames a second; overrules times in the file.
-    missing : float or None
-        Value of a place without a taxel; NaN counts as well.
-    """
-
-    rows: int | None = None
-    cols: int | None = None
-    key: str | None = None
-    time_key: str | None = None
-    skip: int | None = None
-    time_unit: str | None = None
-    rate_hz: float | None = None
-    missing: float | None = None
+_WRAP = 2.0**32
+_MEMBERS = 64
+"""Arrays of an npz file that are looked through; of more the name must be given."""
+# Between 0.1 and 1 a step without a unit may be seconds of a slow logger, or milliseconds of a fast one.
+_SECONDS_SURE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,19 +47,31 @@ class Recording:
     Attributes
     ----------
     values : ndarray
-        [frames, rows, cols] in the unit of the file; 0 where there is no taxel.
+        [frames, rows, cols] in the unit of the file; 0 where there is no taxel, NaN where a value is missing.
     time_s : ndarray
         [frames] from the first frame.
     present : ndarray of bool
         [rows, cols].
     time_from : str
         Where the times come from.
+    unit : str or None
+        One of UNITS, if the file says it.
+    area_mm2 : float or None
+        Area of a taxel, if the file says it.
+    order : str
+        Order of the taxels in the file.
+    ignored : tuple of str
+        Columns and sensors that are left out.
     """
 
     values: Floats
     time_s: Floats
     present: NDArray[np.bool_]
     time_from: str
+    unit: str | None = None
+    area_mm2: float | None = None
+    order: str = ""
+    ignored: tuple[str, ...] = field(default=())
 
     @property
     def t_frame_s(self) -> float:
@@ -89,6 +82,8 @@ class Recording:
 def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     """Read a recording; `option` names it in a message if there is no such file.
 
+    Values or times that are missing, lost frames, and a size that is only likely are warned of.
+
     Raises
     ------
     InputError
@@ -97,38 +92,137 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     """
     path = Path(path)
     data = read_bytes(path, FILE_BYTES_MAX, ("command line", option, str(path)))
-    suffix = path.suffix.lower()
-    if suffix in (".npy", ".npz", ".h5", ".hdf5"):
-        values, time = _binary(path, data, suffix, layout)
-        named = False
+    name = path
+    if data.startswith(b"\x1f\x8b"):
+        data, name = _unpacked(path, data), path.with_suffix("") if path.suffix.lower() == ".gz" else path
+    suffix = name.suffix.lower()
+    if suffix in (".npy", ".npz", ".h5", ".hdf5", ".mat"):
+        found = _binary(path, data, suffix, layout)
     else:
-        values, time, named = _text(path, data, layout)
-    frames = _shaped(path, values, layout, named or time is not None)
+        found = text.read(path, data, layout)
+    frames = _shaped(path, found, layout)
     absent = np.isnan(frames).all(axis=0)
     if layout.missing is not None:
         absent |= (frames == layout.missing).all(axis=0)
-    frames = np.where(absent, 0.0, frames)
-    if not np.isfinite(frames).all():
-        n, r, c = np.argwhere(~np.isfinite(frames))[0]
-        where = f"frame {n}, row {r}, column {c}"
-        allowed = "a finite number; a place without a taxel has none in any frame"
-        raise InputError(path, where, float(frames[n, r, c]), allowed)
     if absent.all():
         raise InputError(path, "--missing", layout.missing, "a value that some taxel does not always have")
-    time_s, source = _times(path, time, len(frames), layout)
-    return Recording(frames, time_s, ~absent, source)
+    frames = np.where(absent, 0.0, frames)
+    if np.isinf(frames).any():
+        n, r, c = np.argwhere(np.isinf(frames))[0]
+        raise InputError(path, f"frame {n}, row {r}, column {c}", float(frames[n, r, c]), "a finite number")
+    frames = _gaps(path, frames, layout.gaps)
+    time_s, source = _times(path, found, len(frames), layout)
+    return Recording(
+        frames, time_s, ~absent, source, found.unit, found.area_mm2, found.order, tuple(found.ignored)
+    )
 
 
-def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> tuple[Floats, Floats | None]:
+def _unpacked(path: Path, data: bytes) -> bytes:
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
+            unpacked = stream.read(FILE_BYTES_MAX + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(path, "file", str(error), "a readable gzip file") from None
+    if len(unpacked) > FILE_BYTES_MAX:
+        raise InputError(
+            path, "file", f"more than {FILE_BYTES_MAX} bytes unpacked", f"at most {FILE_BYTES_MAX} bytes"
+        )
+    return unpacked
+
+
+def _gaps(path: Path, frames: Floats, gaps: str) -> Floats:
+    """Return frames with the values that are missing in some of them, as `gaps` says."""
+    missing = np.isnan(frames)
+    if not missing.any():
+        return frames
+    n, r, c = np.argwhere(missing)[0]
+    where = f"frame {n}, row {r}, column {c}"
+    if gaps == "refuse":
+        raise InputError(path, where, "missing", "a number in every frame, or --missing hold, or neither")
+    said = "forces there are NaN with an open interval"
+    if gaps == "hold":
+        last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(frames))[:, None, None]), axis=0)
+        frames = np.take_along_axis(frames, last, axis=0)
+        said = f"held from the frame before; {np.isnan(frames).sum()} have none"
+    warn(
+        path,
+        f"{missing.sum()} values are missing in {missing.any(axis=(1, 2)).sum()} frames, first {where}: {said}",
+    )
+    return frames
+
+
+def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
+    time, name = None, layout.time_key
     if suffix == ".npy":
-        return np.asarray(_parsed(path, lambda: npy_array(data, path.name, "biuf")), dtype=float), None
-    names = (layout.key, layout.time_key)
-    if suffix == ".npz":
-        values = _parsed(path, lambda: npz_member(data, path.name, names[0]))
-        time = None if names[1] is None else _parsed(path, lambda: npz_member(data, path.name, names[1]))
+        values = _parsed(path, lambda: npy_array(data, path.name, "biuf"))
+    elif suffix == ".npz":
+        values, time, name = _chosen(path, _parsed(path, lambda: _members(data, path, layout)), layout)
+    elif suffix == ".mat" and not data.startswith(b"MATLAB 7.3"):
+        values, time, name = _chosen(path, _parsed(path, lambda: _matlab(data)), layout)
     else:
-        values, time = _hdf5(path, *names)
-    return np.asarray(values, dtype=float), None if time is None else np.asarray(time, dtype=float)
+        h5py = optional("h5py", "recordings")
+        try:
+            with h5py.File(io.BytesIO(data), "r") as file:
+                sets: dict[str, Any] = {}
+                file.visititems(lambda n, item: sets.update({n: item}) if hasattr(item, "dtype") else None)
+                values, time, name = _chosen(path, sets, layout)
+                # MATLAB 7.3 writes its arrays with the axes reversed.
+                values, time = values[()], None if time is None else time[()]
+                values = values.T if suffix == ".mat" else values
+        except OSError as error:
+            raise InputError(path, "file", str(error), "a readable HDF5 file") from None
+    if np.asarray(values).dtype.kind not in "biuf":
+        raise InputError(path, "--key", str(np.asarray(values).dtype), "an array of real numbers")
+    found = Found(
+        np.asarray(values, dtype=float), None if time is None else np.asarray(time, dtype=float).ravel()
+    )
+    found.time_unit, found.time_from = text.time_unit_of(name) if name else None, name or "the file"
+    return found
+
+
+def _matlab(data: bytes) -> dict[str, Any]:
+    from scipy.io import loadmat  # 0.1 s
+
+    return {name: value for name, value in loadmat(io.BytesIO(data)).items() if not name.startswith("__")}
+
+
+def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
+    """Return the arrays of an npz file; those that are named, if it has many."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        names = [name.removesuffix(".npy") for name in archive.namelist()]
+    if layout.key is not None or len(names) > _MEMBERS:
+        timed = [name for name in names[:_MEMBERS] if text.is_time(name)] if layout.time_key is None else []
+        names = [name for name in (layout.key, layout.time_key, *timed) if name is not None]
+    found = {}
+    for name in names or [None]:
+        with contextlib.suppress(
+            InputError if layout.key is None else ()
+        ):  # an array of text, beside the others
+            found[name] = npz_member(data, path.name, name)
+    return found
+
+
+def _chosen(path: Path, sets: dict[str, Any], layout: Layout) -> tuple[Any, Any, str | None]:
+    """Return the array of the taxels, that of the times or None, and its name."""
+    numeric = {n: i for n, i in sets.items() if i.dtype.kind in "iuf"}
+    large = [n for n, i in numeric.items() if i.ndim >= 2 and min(i.shape) > 0 and i.size > max(i.shape)]
+    large = large or [n for n, i in numeric.items() if i.ndim >= 2]
+    key = large[0] if layout.key is None and len(large) == 1 else layout.key
+    if key not in numeric:
+        listed = ", ".join(large[:10]) or "none of numbers in two dimensions"
+        raise InputError(path, "--key", key, f"a data set of the file: {listed}")
+    if numeric[key].size > VALUES_MAX:
+        raise InputError(path, key, list(numeric[key].shape), f"at most {VALUES_MAX} values")
+    name = layout.time_key
+    if name is not None and name not in numeric:
+        raise InputError(path, "--time-key", name, "a data set: " + ", ".join(list(numeric)[:10]))
+    if name is None and layout.rate_hz is None:
+        timed = [
+            n for n, i in numeric.items()
+            if text.is_time(n.split("/")[-1]) and i.size == max(i.shape, default=0) and i.size in numeric[key].shape
+        ]  # fmt: skip
+        name = timed[0] if len(timed) == 1 else None
+    return numeric[key], None if name is None else numeric[name], name
 
 
 def _parsed(path: Path, read: Any) -> Any:
@@ -143,185 +237,132 @@ def _parsed(path: Path, read: Any) -> Any:
         raise InputError(path, "file", type(error).__name__, f"a readable file ({error})") from None
 
 
-def _hdf5(path: Path, key: str | None, time_key: str | None) -> tuple[Any, Any]:
-    h5py = optional("h5py", "recordings")
-    try:
-        with h5py.File(path, "r") as file:
-            found: dict[str, Any] = {}
-            file.visititems(lambda name, item: found.update({name: item}) if hasattr(item, "dtype") else None)
-            numeric = {n: i for n, i in found.items() if i.dtype.kind in "iuf"}
-            large = [n for n, i in numeric.items() if i.ndim >= 2]
-            if key is None and len(large) == 1:
-                key = large[0]
-            if key not in numeric:
-                listed = ", ".join(large[:10]) or "none of numbers in two dimensions"
-                raise InputError(path, "--key", key, f"a data set of the file: {listed}")
-            if numeric[key].size > VALUES_MAX:
-                raise InputError(path, key, list(numeric[key].shape), f"at most {VALUES_MAX} values")
-            if time_key is not None and time_key not in numeric:
-                raise InputError(path, "--time-key", time_key, "a data set: " + ", ".join(list(numeric)[:10]))
-            return numeric[key][()], None if time_key is None else numeric[time_key][()]
-    except OSError as error:
-        raise InputError(path, "file", str(error), "a readable HDF5 file") from None
+def parse_axes(said: str) -> tuple[str | int, ...]:
+    """Return the axes that an option names, as in "rows,cols,frames" or "frames,0,taxels"; ValueError for others."""
+    axes = tuple(int(a) if a.isdigit() else a for a in re.split(r"[,\s]+", said.strip()))
+    names = sorted(a for a in axes if isinstance(a, str))
+    if names not in (["cols", "rows"], ["cols", "frames", "rows"], ["frames", "taxels"]):
+        raise ValueError(said)
+    return axes
 
 
-def _text(path: Path, data: bytes, layout: Layout) -> tuple[Floats, Floats | None, bool]:
-    """Return values [lines, taxels], times [lines], and True if the columns have names."""
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            path, f"byte {error.start}", "no text in UTF-8", "csv, npy, npz or HDF5 by its suffix"
-        ) from None
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
-    if not lines:
-        raise InputError(path, "lines", 0, "at least one line of numbers")
-    # The last line has no header's words; a decimal comma needs another separator.
-    sample = lines[-1][1]
-    mark = next((m for m in (";", "\t", ",") if m in sample), None)
-    if mark in (";", "\t") and "." not in sample:
-        lines = [(n, line.replace(",", ".")) for n, line in lines]
-    headers: list[str] = []
-    while lines and (
-        lines[0][1].lstrip().startswith("#") or not any(_is_number(c) for c in _cells(lines[0][1], mark))
-    ):
-        headers.append(lines.pop(0)[1])
-    if not lines:
-        raise InputError(path, "lines", "a header only", "at least one line of numbers")
-    names, trailing = _names(path, headers, [line for _, line in lines], mark, layout)
-    first = _cells(lines[0][1], mark)
-    width = len(first) - trailing
-    times, taxels = _columns(path, names, first[:width], layout)
-    if len(lines) * len(taxels) > VALUES_MAX:
-        raise InputError(path, "values", len(lines) * len(taxels), f"at most {VALUES_MAX}")
-    wanted = taxels if times is None else [times, *taxels]
-    table = np.empty((len(lines), len(wanted)))
-    for i, (number, line) in enumerate(lines):
-        cells = _cells(line, mark)
-        if len(cells) - trailing != width:
-            said = f"{len(cells) - trailing} values"
-            raise InputError(path, f"line {number}", said, f"{width} values, as the first line")
-        try:
-            if times is not None and not _is_number(cells[times]):
-                cells[times] = _stamp(cells[times])
-            table[i] = [float(cells[k]) if cells[k] else np.nan for k in wanted]
-        except ValueError:
-            k = next(k for k in wanted if cells[k] and not _is_number(cells[k]))
-            allowed = "a number; --skip N leaves out leading columns"
-            raise InputError(path, f"line {number}, value {k + 1}", quoted(cells[k]), allowed) from None
-    return (table, None, bool(names)) if times is None else (table[:, 1:], table[:, 0], bool(names))
-
-
-def _names(
-    path: Path, headers: list[str], lines: list[str], mark: str | None, layout: Layout
-) -> tuple[list[str], bool]:
-    """Return the names of the columns, if any, and True if every line ends with a separator."""
-    width = len(_cells(lines[0], mark))
-    names = next((n for h in reversed(headers) if len(n := _cells(h.lstrip("# "), mark)) == width), None)
-    trailing = bool(mark) and all(line.rstrip().endswith(str(mark)) for line in lines)
-    if names:
-        return (names[:-1], True) if trailing and not names[-1] else (names, False)
-    header = next((h for h in reversed(headers) if not h.lstrip().startswith("#")), None)
-    if header is None:
-        known = layout.rows * layout.cols if layout.rows and layout.cols else None
-        return [], trailing and (not _square(width) if known is None else known != width)
-    names = _cells(header, mark)
-    if trailing and len(names) == width - 1:
-        return names, True
-    if "[" in lines[0] and len(names) < width:
-        # A list in one column, as ROS tools write arrays.
-        k, count = len(_cells(lines[0].split("[")[0], mark)) - 1, width - len(names) + 1
-        if k < len(names):
-            return [*names[:k], *(f"{names[k]}{n}" for n in range(count)), *names[k + 1 :]], False
-    raise InputError(
-        path, "header", f"{len(names)} names", f"{width}, as many as the line below it has values"
-    )
-
-
-def _stamp(cell: str) -> str:
-    """Return seconds for a date and time of ISO 8601; other text unchanged."""
-    try:
-        time = datetime.fromisoformat(cell)
-    except ValueError:
-        return cell
-    return repr((time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp())
-
-
-def _cells(line: str, mark: str | None) -> list[str]:
-    return [cell.strip(' \t"[]()') for cell in (line.split(mark) if mark else line.split())]
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return "_" not in cell
-
-
-def _columns(path: Path, names: list[str], first: list[str], layout: Layout) -> tuple[int | None, list[int]]:
-    """Return the column of the time, if there is one, and those of the taxels."""
-    width, taxels = len(first), layout.rows * layout.cols if layout.rows and layout.cols else None
-    skip = layout.skip
-    if skip is None and names:
-        # Taxels are the largest group of names that differ in a number alone.
-        groups: dict[str, list[int]] = {}
-        for k, name in enumerate(names):
-            if (match := _NUMBERED.fullmatch(name)) and not _TIME.fullmatch(name):
-                groups.setdefault(re.sub(r"\d+", "", match[1]), []).append(k)
-        largest = max(groups.values(), key=len, default=[])
-        if largest and largest == list(range(largest[0], width)):
-            skip = largest[0]
-    if skip is None and taxels is not None and width >= taxels:
-        skip = width - taxels
-    if skip is None and layout.cols and width == layout.cols:
-        skip = 0
-    if skip is None:
-        skip = 0 if _square(width) else 1 if _square(width - 1) and width > 2 else None
-    if skip is None or skip >= width:
-        raise InputError(
-            path, "columns", width, "--rows and --cols, or --skip for the leading columns that are no taxels"
-        )
-    if layout.time_key is not None:
-        if layout.time_key not in names:
-            raise InputError(
-                path, "--time-key", layout.time_key, "a name of the header: " + ", ".join(names[:8])
-            )
-        return names.index(layout.time_key), list(range(skip, width))
-    named = [
-        k for k in range(min(skip, len(names))) if _TIME.fullmatch(names[k]) and _is_number(_stamp(first[k]))
-    ]
-    if not named and not names and skip >= 1 and _is_number(first[0]):
-        named = [0]
-    return named[0] if named else None, list(range(skip, width))
-
-
-def _square(count: int) -> bool:
-    return count > 0 and round(count**0.5) ** 2 == count
-
-
-def _shaped(path: Path, values: Floats, layout: Layout, by_line: bool) -> Floats:
-    """Return values as [frames, rows, cols]; `by_line`: a line is known to be a frame."""
+def _shaped(path: Path, found: Found, layout: Layout) -> Floats:
+    """Return values as [frames, rows, cols]."""
+    values = found.values
     if not values.size:
         raise InputError(path, "shape", list(values.shape), "at least one frame")
-    rows, cols, allowed = layout.rows, layout.cols, "--rows and --cols of the array"
+    if layout.axes is not None:
+        values, by_line = _by_axes(path, values, layout.axes), True
+    else:
+        by_line = found.by_line or found.time is not None
+        if found.shape is None:
+            values = _frames_first(path, values, found, layout)
+    shape = values.shape[1:] if values.ndim == 3 else found.shape
+    if shape is not None:
+        if (layout.rows or shape[0], layout.cols or shape[1]) != tuple(shape):
+            allowed = f"[frames, {layout.rows}, {layout.cols}], or other --rows, --cols or --axes"
+            raise InputError(path, "shape", list(values.shape), allowed)
+        return values.reshape(-1, *shape)
+    return _split(path, values, layout, by_line)
+
+
+def _by_axes(path: Path, values: Floats, axes: tuple[str | int, ...]) -> Floats:
+    """Return [frames, rows, cols] or [frames, taxels] of an array whose axes are named."""
+    if values.ndim != len(axes):
+        raise InputError(
+            path, "--axes", list(values.shape), f"{values.ndim} names or numbers, not {len(axes)}"
+        )
+    if wrong := next(
+        (a for a, n in zip(axes, values.shape, strict=True) if isinstance(a, int) and a >= n), None
+    ):
+        raise InputError(path, "--axes", list(values.shape), f"a number of a part that there is, not {wrong}")
+    values = values[tuple(a if isinstance(a, int) else slice(None) for a in axes)]
+    names = [a for a in axes if isinstance(a, str)]
+    if "frames" not in names:
+        names, values = ["frames", *names], values[np.newaxis]
+    return values.transpose([names.index(a) for a in AXES if a in names])
+
+
+def _frames_first(path: Path, values: Floats, found: Found, layout: Layout) -> Floats:
+    """Return an array with its frames on the first axis, where it is known which axis that is."""
+    shape, size = values.shape, (layout.rows, layout.cols)
+    taxels = layout.rows * layout.cols if layout.rows and layout.cols else None
+    ask = InputError(
+        path, "shape", list(shape), "--axes as in frames,rows,cols or taxels,frames or frames,0,rows,cols"
+    )
+    # The times of a file tell the axis of the frames, if only one has so many.
+    timed = found.time is not None and shape.count(found.time.size) == 1
+    last = timed and shape[-1] == found.time.size
     if values.ndim == 3:
-        found = values.shape[1:]
-        if (rows or found[0], cols or found[1]) != found:
-            raise InputError(
-                path, "shape", list(values.shape), f"[frames, {rows}, {cols}], or other --rows and --cols"
-            )
-        return values
+        first_fits = all(s in (None, n) for s, n in zip(size, shape[1:], strict=True))
+        last_fits = all(s in (None, n) for s, n in zip(size, shape[:2], strict=True))
+        if None in size and not timed:
+            # Squares tell the frames; else the frames are by far the most.
+            square_last, square_first = shape[0] == shape[1], shape[1] == shape[2]
+            most = shape[0] > max(shape[1:])
+            if square_last and not square_first:
+                first_fits = False
+            elif square_last or not (square_first or most):
+                raise ask
+            else:
+                last_fits = False
+        elif timed:
+            first_fits, last_fits = first_fits and shape[0] == found.time.size, last_fits and last
+        if first_fits == last_fits:
+            raise ask
+        frames = values if first_fits else np.moveaxis(values, 2, 0)
+        if layout.rows is None or layout.cols is None:
+            if min(frames.shape[1:]) <= 2 and max(frames.shape[1:]) > 32:
+                raise ask
+            said = "frames, rows, cols" if first_fits else "rows, cols, frames"
+            warn(path, f"taken as [{said}] from its shape {list(shape)}; --axes otherwise")
+        elif not first_fits:
+            found.order = "axes rows, cols, frames"
+        return frames
     if values.ndim != 2:
-        raise InputError(path, "shape", list(values.shape), "[frames, rows, cols] or [frames, rows x cols]")
+        raise ask
+    if found.order.startswith("by names") or Path(path).suffix.lower() not in (
+        ".npy",
+        ".npz",
+        ".mat",
+        ".h5",
+        ".hdf5",
+    ):
+        return values
+    if timed:
+        return values.T if last else values
+    if taxels is not None:
+        lines = shape[1] == layout.cols != taxels and shape[0] % layout.rows == 0
+        if (shape[0] == taxels) + (shape[1] == taxels) + lines > 1:
+            raise ask
+        if shape[0] == taxels:
+            found.order = "axes taxels, frames"
+            return values.T
+        return values
+    if layout.rows or layout.cols:
+        return values
+    if text.square(shape[0]) and shape[0] > 1 and not text.square(shape[1]):
+        warn(path, f"taken as [taxels, frames] from its shape {list(shape)}; --axes otherwise")
+        return values.T
+    if text.square(shape[0]) and text.square(shape[1]) and min(shape) > 1:
+        raise ask
+    return values
+
+
+def _split(path: Path, values: Floats, layout: Layout, by_line: bool) -> Floats:
+    """Return [frames, taxels] or [lines, cols] as [frames, rows, cols]; `by_line`: a line is known to be a frame."""
+    rows, cols, allowed = layout.rows, layout.cols, "--rows and --cols of the array"
     count = values.shape[1]
-    if rows is None and cols is None and _square(count):
+    if rows is None and cols is None and text.square(count):
         rows = cols = round(count**0.5)
-        if not by_line and len(values) % count == 0:
+        # 32 values or fewer are as likely a row.
+        if not by_line and (len(values) % count == 0 or (len(values) > 1 and 1 < count <= 32)):
             question = (
                 f"--rows {rows} --cols {cols} if a line is a frame, --cols {count} and --rows if it is a row"
             )
             raise InputError(path, "shape", list(values.shape), question)
+        if count > 1:
+            warn(path, f"{count} taxels taken as {rows} x {cols}; --rows and --cols otherwise")
     elif rows is None and cols is not None and count % cols == 0 and count != cols:
         rows = count // cols
     elif cols is None and rows is not None and count % rows == 0:
@@ -335,31 +376,67 @@ def _shaped(path: Path, values: Floats, layout: Layout, by_line: bool) -> Floats
     raise InputError(path, "columns", f"{count} taxels", f"{rows * cols}, as --rows {rows} --cols {cols} say")
 
 
-def _times(path: Path, time: Floats | None, frames: int, layout: Layout) -> tuple[Floats, str]:
+def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Floats, str]:
+    """Return the times of frames in seconds from the first, and where they are from."""
+    time, number = found.time, found.number
+    if number is not None and frames > 1:
+        steps = np.diff(number)
+        if (steps <= 0).any():
+            raise InputError(path, "frame", float(number[int(np.argmin(steps)) + 1]), "numbers that rise")
+        if (lost := int((steps - 1).sum())) and (steps == 1).any():
+            warn(path, f"{lost} frames are lost, the first after frame {number[int(np.argmax(steps > 1))]:g}")
     if layout.rate_hz is not None:
-        return np.arange(frames) / layout.rate_hz, "option --rate"
+        number = np.arange(frames) if number is None else number - number[0]
+        return number / layout.rate_hz, "option --rate"
     if frames == 1:
         return np.zeros(1), "a single frame"
     if time is None:
         raise InputError(path, "time", "not in the file", "--rate in frames a second, or --time-key")
     if time.size != frames:
-        raise InputError(path, "time", f"{time.size} times", f"{frames}, one a frame; or --rate")
-    time = time.ravel()
-    step = np.diff(time)
-    if not (np.isfinite(step).all() and (step > 0).all()):
-        at = int(np.argmin(np.where(np.isfinite(step), step, -np.inf)))
-        raise InputError(
-            path, f"time of frame {at + 1}", float(time[at + 1]), "later than the frame before; or --rate"
+        lines = found.values.ndim == 2 and time.size == len(found.values)
+        if lines and time.size % frames == 0 and (np.diff(time.reshape(frames, -1), axis=1) == 0).all():
+            time = time[:: time.size // frames]
+        elif lines and time.size % frames == 0:
+            time = time[:: time.size // frames]
+        else:
+            raise InputError(path, "time", f"{time.size} times", f"{frames}, one a frame; or --rate")
+    time = time.ravel().copy()
+    if np.isnan(time).any():
+        known = np.isfinite(time)
+        if known.sum() < 2 or not (known[0] and known[-1]):
+            raise InputError(
+                path, "time", f"{(~known).sum()} of {frames} missing", "a first and a last time; or --rate"
+            )
+        warn(
+            path,
+            f"{(~known).sum()} times are missing, the first of frame {np.argmin(known)}: interpolated",
         )
-    unit = layout.time_unit
-    median = float(np.median(step))
+        time = np.interp(np.arange(frames), np.flatnonzero(known), time[known])
+    step = np.diff(time)
+    wrapped = (step < -_WRAP / 2) & (step > -_WRAP) & (time[1:] >= 0)
+    if wrapped.any():
+        warn(path, f"the counter of the time starts again at frame {int(np.argmax(wrapped)) + 1}: 2^32 added")
+        time[1:] += _WRAP * np.cumsum(wrapped)
+        step = np.diff(time)
+    if not (np.isfinite(step).all() and (step >= 0).all() and time[-1] > time[0]):
+        at = int(np.argmin(np.where(np.isfinite(step), step, -np.inf)))
+        allowed = "later than the frame before; or --rate"
+        raise InputError(path, f"time of frame {at + 1}", float(time[at + 1]), allowed)
+    if (same := int((step == 0).sum())) and same < frames - 1:
+        warn(
+            path,
+            f"{same} times are those of the frame before, the first of frame {int(np.argmax(step == 0)) + 1}",
+        )
+    unit, median = layout.time_unit or found.time_unit, float(np.median(step[step > 0]))
     if unit is None:
-        # ROS stamps are nanoseconds of this century; seconds between frames are below one.
-        unit = "ns" if time[0] > 1e17 else "s" if median < 1 else None
+        # ROS stamps are nanoseconds of this century.
+        unit = "ns" if time[0] > 1e17 else "s" if median < _SECONDS_SURE else None
     if unit is None:
         raise InputError(path, "time", f"steps of {median:g}", "--time-unit " + ", ".join(TIME_UNITS))
     lost = np.abs(step / median - 1) > _TIME_SPREAD
-    if lost.any():
-        text = f"{path}: {lost.sum()} of {frames} steps of time differ from the median by more than half: frames lost?"
-        warnings.warn(text, stacklevel=2)
-    return (time - time[0]) * TIME_UNITS[unit], f"the file, in {unit}"
+    if (lost & (step > 0)).any():
+        warnings.warn(
+            f"{path}: {(lost & (step > 0)).sum()} of {frames} steps of time differ from the median by more than half, "
+            f"the first after frame {int(np.argmax(lost & (step > 0)))}: frames lost?", stacklevel=2,
+        )  # fmt: skip
+    return (time - time[0]) * TIME_UNITS[unit], f"{found.time_from}, in {unit}"

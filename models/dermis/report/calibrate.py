@@ -85,7 +85,7 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     said: list[verdict.Row] = []
 
     def frames(name: str, key: str, kind: str = "forces") -> NDArray[Any]:
-        layout = recording.Layout(rows, cols, rate_hz=1.0)
+        layout = recording.Layout(rows, cols, rate_hz=1.0, gaps="refuse")
         try:
             found = recording.load(path.parent / name, layout).values
         except InputError as error:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +120,8 @@ def _curves(
     assert made.force_n is not None
     code_max = made.timing.code_max
     full_n = float(made.force_of_duty(np.full(made.cols, 0.5)).max())
+    if not math.isfinite(full_n):  # no force reaches full scale: as far as there are forces
+        full_n = max(1.0, float(made.force_n.max(initial=0.0, where=np.isfinite(made.force_n))))
     ticks = [n for n in MaxNLocator(6).tick_values(0.0, full_n) if 0 <= n < 0.93 * full_n] + [full_n]
     force = made.force_n.ravel()
     shown = np.isfinite(force) & (force <= 1.2 * full_n)  # a short is as good as an infinite force

@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,11 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis import engines
 from dermis import plan as planning
 from dermis.chip.spi_protocol import RowsOfInterest
 from dermis.decode import calibration, recording
-from dermis.decode.decoder import Forces
+from dermis.decode.decoder import UNSOLVED, Forces
 from dermis.errors import InputError, one_line, optional
 from dermis.files import write_atomic
 from dermis.places import BUILD
@@ -37,6 +39,8 @@ LEAST_CODE = 8
 """A recording whose largest code is below uses less than 5 of 8 bits: a wrong unit, scale or k."""
 COVERAGE_MIN = 0.99
 """Least share of forces in their 99.9 % interval; less is another chip or sheet."""
+WRONG_UNIT = "a wrong --unit or --scale? k of the scene sets the range"
+SHADES = ".:-=+*#%@"
 THRESHOLD = 0.1
 """Onset: the total force passes this part of its largest value."""
 
@@ -57,16 +61,16 @@ def chip_of(rows: int, cols: int, scene: str | None) -> Plan:
 
 
 def forces_of(values: Floats, unit: str, plan: Plan, area_mm2: float | None, scale: float) -> Floats:
-    """Return the forces in newtons of a recording's values, [frames, rows, cols].
+    """Return the forces in newtons of a recording's values, [frames, rows, cols]; NaN where a value is missing.
 
     Raises
     ------
     InputError
         Values that the unit does not have, or no area for kPa.
     """
-    spread = f"{values.min():g} .. {values.max():g}"
+    spread, missing = f"{np.nanmin(values):g} .. {np.nanmax(values):g}", np.isnan(values)
     if unit == "codes":
-        if not ((values >= 0) & (values <= plan.timing.code_max)).all():
+        if not (missing | (values >= 0) & (values <= plan.timing.code_max)).all():
             raise InputError("recording", "values", spread, f"codes 0..{plan.timing.code_max}")
         force = plan.force_of_duty(values / plan.timing.gate_clocks)
     elif unit == "ohm":
@@ -78,7 +82,7 @@ def forces_of(values: Floats, unit: str, plan: Plan, area_mm2: float | None, sca
     else:
         force = values
     force = force * scale
-    if not ((force >= 0).all() and np.isfinite(force).all()):
+    if not (missing | ((force >= 0) & np.isfinite(force))).all():
         allowed = "finite forces from 0; --clip-negative takes smaller ones as 0"
         raise InputError("recording", "values", f"{spread} {unit}", allowed)
     return force + 0.0
@@ -119,39 +123,154 @@ def error_figures(
 def read_frames(
     skin: Skin, rec: recording.Recording, force: Floats
 ) -> tuple[NDArray[np.unsignedinteger], Forces, list[verdict.Row]]:
-    """Send forces through the chip and back; return codes, decoded forces and verdicts."""
+    """Send forces through the chip and back; return codes, decoded forces and verdicts.
+
+    A force that is missing (NaN) is sent as the one before it in time.
+    """
     dt = np.diff(rec.time_s, prepend=rec.time_s[0])
-    codes = skin.read(force, dt)
-    found = skin.decode(codes, dt)
-    for array in (found.force_n, found.low_n, found.high_n):
-        array[:, ~rec.present] = 0.0
+    missing = np.isnan(force)
+    codes = skin.read(_filled(force), dt)
+    found = _decoded(skin, rec, codes, missing, dt)
+    force, present = np.where(missing, 0.0, force), rec.present & ~missing
     plain = skin.plan.force_of_duty(codes / skin.plan.timing.gate_clocks)
     full = codes >= skin.plan.timing.code_max
-    used = rec.present & (force > 0) & ~full
+    used = present & (force > 0) & ~full
     rows = []
     for name, forces in (("uncorrected", plain), ("corrected", found.force_n)):
-        kept = np.where(rec.present & np.isfinite(forces), forces, 0.0)
+        kept = np.where(present & np.isfinite(forces), forces, 0.0)
         for key, (value, unit) in error_figures(force, kept, rec.time_s, used).items():
             rows.append(verdict.report(f"read.{name}.{key}", value, unit, "pressed taxels below full scale"))
     # Bounds are computed in two steps of rounding, each far below 1e-9 of the force.
     inside = (found.low_n <= force * (1 + 1e-9)) & (force <= found.high_n * (1 + 1e-9))
-    note = "a wrong --unit or --scale? k of the scene sets the range"
-    saturated = full & rec.present
-    share = float(saturated.sum() / max(int((rec.present & (force > 0)).sum()), 1))
-    why = f"{int(saturated.any(axis=0).sum())} taxels; {note}" if share else ""
-    rows.append(verdict.within("read.saturated_share", share, "1", None, SATURATED_MAX, why))
-    covered = float(inside[:, rec.present].mean())
+    rows.append(_saturated(full, present, int((present & (force > 0)).sum())))
+    covered = float(inside[present].mean())
     # The bound of a saturated taxel, g_max_s, need not hold for forces of a wrong unit.
-    least, why = COVERAGE_MIN if share <= SATURATED_MAX else None, ""
+    least, why = COVERAGE_MIN if rows[-1]["value"] <= SATURATED_MAX else None, ""
     if least is not None and covered < least:
-        taxels = np.where(rec.present, inside.mean(axis=0), np.inf)
+        taxels = np.where(rec.present, (inside | missing).mean(axis=0), np.inf)
         r, c = np.unravel_index(np.argmin(taxels), taxels.shape)
         why = f"the calibration does not fit; most errors at row {r}, column {c}"
     rows.append(verdict.within("read.interval_coverage", covered, "1", least, None, why))
-    most = int(codes.max(initial=0))
-    why = f"the recording uses little of the range: {note}" if most < LEAST_CODE else ""
-    rows.append(verdict.within("read.largest_code", most, "codes", LEAST_CODE, None, why))
+    rows.append(_largest(codes))
     return codes, found, rows
+
+
+def decode_frames(
+    skin: Skin, rec: recording.Recording, path: str
+) -> tuple[NDArray[np.unsignedinteger], Forces, list[verdict.Row]]:
+    """Decode the codes of a chip; return them, forces and verdicts.
+
+    Raises
+    ------
+    InputError
+        Values that are no codes.
+    """
+    most, missing = skin.decoder.calibration.code_max, np.isnan(rec.values)
+    values = np.where(rec.present, rec.values, 0.0)
+    good = missing | ((values >= 0) & (values <= most) & (values == np.floor(values)))
+    if not good.all():
+        n, r, c = np.argwhere(~good)[0]
+        allowed = f"a code, a whole number 0..{most}; --through-chip sends scaled values through a chip"
+        raise InputError(path, f"frame {n}, row {r}, column {c}", float(values[n, r, c]), allowed)
+    codes = _filled(values).astype(engines.code_type(most))
+    found = _decoded(skin, rec, codes, missing, np.diff(rec.time_s, prepend=rec.time_s[0]))
+    present = rec.present & ~missing
+    width = (found.high_n - found.low_n)[present & (codes > 0)]
+    total = np.where(present, found.force_n, 0.0).sum(axis=(1, 2))
+    unsolved = int((found.flags & UNSOLVED).any(axis=(1, 2)).sum())
+    rows = [
+        verdict.report("read.decoded.largest_force_n", float(np.nanmax(found.force_n)), "N", ""),
+        verdict.report("read.decoded.largest_total_force_n", float(total.max()), "N", ""),
+        verdict.within(
+            "read.decoded.unsolved_frames",
+            unsolved,
+            "frames",
+            None,
+            0,
+            "the network does not fit" * bool(unsolved),
+        ),
+        _saturated((codes >= most), present, int((present & (codes > 0)).sum())),
+        _largest(codes),
+    ]
+    if np.isfinite(width).any():
+        median = float(np.median(width))
+        rows.insert(
+            0, verdict.report("read.decoded.interval_width_n", median, "N", "median of pressed taxels")
+        )
+    return codes, found, rows
+
+
+def _filled(values: Floats) -> Floats:
+    """Return values [frames, rows, cols] in which a missing one is that before it in time, or after it, or 0."""
+    for backwards in (False, True):
+        if not np.isnan(values).any():
+            return values
+        turned = values[::-1] if backwards else values
+        last = np.where(np.isnan(turned), 0, np.arange(len(turned))[:, None, None])
+        turned = np.take_along_axis(turned, np.maximum.accumulate(last, axis=0), axis=0)
+        values = turned[::-1] if backwards else turned
+    return np.nan_to_num(values)
+
+
+def _decoded(
+    skin: Skin, rec: recording.Recording, codes: NDArray, missing: NDArray[np.bool_], dt: Floats
+) -> Forces:
+    """Decode codes; a missing one gives NaN in 0..inf, and may be any code for the intervals of the others."""
+    found = skin.decode(codes, dt)
+    if missing.any():
+        # The ends of its range; at full scale it would be a short, which opens all intervals of its row.
+        for other in (0, skin.decoder.calibration.code_max - 1):
+            skin.decoder.reset()
+            end = skin.decode(np.where(missing, other, codes).astype(codes.dtype), dt)
+            np.minimum(found.low_n, end.low_n, out=found.low_n)
+            np.maximum(found.high_n, end.high_n, out=found.high_n)
+        found.force_n[missing], found.low_n[missing], found.high_n[missing] = np.nan, 0.0, np.inf
+    for array in (found.force_n, found.low_n, found.high_n):
+        array[:, ~rec.present] = 0.0
+    return found
+
+
+def _saturated(full: NDArray[np.bool_], present: NDArray[np.bool_], pressed: int) -> verdict.Row:
+    saturated = full & present
+    share = float(saturated.sum() / max(pressed, 1))
+    why = f"{int(saturated.any(axis=0).sum())} taxels; {WRONG_UNIT}" if share else ""
+    return verdict.within("read.saturated_share", share, "1", None, SATURATED_MAX, why)
+
+
+def _largest(codes: NDArray) -> verdict.Row:
+    most = int(codes.max(initial=0))
+    why = f"the recording uses little of the range: {WRONG_UNIT}" if most < LEAST_CODE else ""
+    return verdict.within("read.largest_code", most, "codes", LEAST_CODE, None, why)
+
+
+def understood(rec: recording.Recording, unit: str, area_mm2: float | None) -> dict[str, str]:
+    """Return what was understood of a recording, by name."""
+    frames, rows, cols = rec.values.shape
+    missing, absent = int(np.isnan(rec.values).sum()), int((~rec.present).sum())
+    rate = f"{1 / rec.t_frame_s:.6g} frames/s" if frames > 1 and rec.t_frame_s > 0 else "none"
+    return {
+        "frames": f"{frames}",
+        "size": f"{rows} rows x {cols} columns" + (f", {absent} places without a taxel" if absent else ""),
+        "rate": f"{rate}, time from {rec.time_from}",
+        "unit": unit + (f" on {area_mm2:g} mm2 a taxel" if unit == "kpa" and area_mm2 else ""),
+        "order": rec.order,
+        "ignored": one_line(", ".join(rec.ignored), 200) or "nothing",
+        "missing": f"{missing} values",
+    }
+
+
+def touch_map(force: Floats) -> list[str]:
+    """Return the frame with the most force as lines of characters, the largest force of each place; at most 32 x 64."""
+    total = np.nansum(force, axis=(1, 2))
+    frame = np.nan_to_num(force[int(np.argmax(total))])
+    starts = [np.arange(0, n, -(-n // most)) for n, most in zip(frame.shape, (32, 64), strict=True)]
+    small = np.maximum.reduceat(np.maximum.reduceat(frame, starts[0], axis=0), starts[1], axis=1)
+    level = np.ceil(small / max(small.max(), 1e-300) * (len(SHADES) - 1)).astype(int)
+    lines = ["".join(SHADES[k] for k in row) for row in level]
+    return [
+        f"frame {int(np.argmax(total))}, {total.max():.4g} N in all, {frame.max():.4g} N at most:",
+        *lines,
+    ]
 
 
 def interest_rows(codes: NDArray[Any], time_s: Floats, t_frame_s: float, late: int = 1) -> list[verdict.Row]:
@@ -174,6 +293,35 @@ def interest_rows(codes: NDArray[Any], time_s: Floats, t_frame_s: float, late: i
     return [saved, verdict.report("read.touch_delay_frames", int(waits.max(initial=0)), "frames", note)]
 
 
+def _range_of(_: click.Context, __: click.Parameter, said: str | None) -> tuple[int, int] | None:
+    match = re.fullmatch(r"(\d{1,6})(?:\.\.|-)(\d{1,6})", said or "")
+    if said is not None and (match is None or int(match[1]) > int(match[2])):
+        raise InputError("command line", "--taxels", said, "FIRST..LAST, columns from 0")
+    return None if match is None else (int(match[1]), int(match[2]))
+
+
+def _axes_of(_: click.Context, __: click.Parameter, said: str | None) -> tuple[str | int, ...] | None:
+    try:
+        return None if said is None else recording.parse_axes(said)
+    except ValueError:
+        allowed = (
+            "frames,rows,cols in any order, or frames,taxels, with numbers for axes of which a part is taken"
+        )
+        raise InputError("command line", "--axes", said, allowed) from None
+
+
+def _missing_of(said: tuple[str, ...]) -> dict[str, Any]:
+    """Return what --missing says of places without a taxel, and of gaps."""
+    found: dict[str, Any] = {}
+    for one in said:
+        try:
+            found |= {"gaps": one} if one in recording.GAPS else {"missing": float(one)}
+        except ValueError:
+            allowed = "a number, refuse or hold"
+            raise InputError("command line", "--missing", one, allowed) from None
+    return found
+
+
 @click.command("read")
 @click.argument("file", type=click.Path())
 @click.option("--unit", type=click.Choice(recording.UNITS), help="Unit of the values.")
@@ -183,10 +331,24 @@ def interest_rows(codes: NDArray[Any], time_s: Floats, t_frame_s: float, late: i
 @click.option(
     "--skip", type=click.IntRange(0, 10_000), help="Leading columns to skip, such as a time or a counter."
 )
-@click.option("--key", help="Name of the array in an npz or HDF5 file.")
-@click.option("--time-key", help="Name of the array, or of the csv column, with the times.")
+@click.option("--taxels", callback=_range_of, metavar="FIRST..LAST", help="Columns of the taxels, from 0.")
+@click.option(
+    "--part", type=click.IntRange(1), help="Sensor, or group of names, from 1, of a file with several."
+)
+@click.option("--header", type=click.Choice(["yes", "no"]), help="Whether a line of numbers is a header.")
+@click.option(
+    "--axes",
+    callback=_axes_of,
+    help="Axes of an array, as rows,cols,frames or taxels,frames; a number takes a part.",
+)
+@click.option("--key", help="Name of the array in an npz, mat or HDF5 file.")
+@click.option("--time-key", help="Name of the array, or name or number of the column, with the times.")
 @click.option("--time-unit", type=click.Choice(list(recording.TIME_UNITS)), help="Unit of the times.")
-@click.option("--missing", type=float, help="Value that a place without a taxel has in every frame.")
+@click.option(
+    "--missing",
+    multiple=True,
+    help="Value that a place without a taxel has in every frame; or refuse or hold, for values missing in some.",
+)
 @click.option("--mask", type=click.Path(), help="csv or npy file [rows, cols], 0 at a place without a taxel.")
 @click.option("--clip-negative", is_flag=True, help="Replace negative values with 0.")
 @click.option("--area", "area_mm2", type=click.FloatRange(1e-9, 1e9), help="Area of a taxel in mm2, for kPa.")
@@ -196,6 +358,11 @@ def interest_rows(codes: NDArray[Any], time_s: Floats, t_frame_s: float, late: i
     default=1.0,
     show_default=True,
     help="Factor on every force.",
+)
+@click.option(
+    "--through-chip",
+    is_flag=True,
+    help="Send codes as forces through the simulated chip, as all other units.",
 )
 @click.option("--scene", help="Scene of chip and sheet; its stimulus is ignored.")
 @click.option(
@@ -215,39 +382,71 @@ def read_command(
     known: str | None,
     out: str | None,
     hdf5: bool,
+    through_chip: bool,
+    header: str | None,
+    missing: tuple[str, ...],
     **layout: Any,
 ) -> int:
-    """Read a recording with the chip: codes, and forces with time and intervals."""
+    """Read a recording: forces with time and intervals.
+
+    Codes are decoded with the chip of --scene or --calibration. Other units, and codes with --through-chip, are forces
+    that the simulated chip reads and decodes.
+    """
     with output.place(BUILD / "read" / Path(file).stem if out is None else out) as target:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
+            layout |= _missing_of(missing) | {"header": None if header is None else header == "yes"}
             rec = recording.load(file, recording.Layout(rate_hz=rate, **layout))
-        for said in caught:
-            click.echo(f"warning: {one_line(str(said.message), 400)}", err=True)
-        if unit is None:
-            said = f"unknown for values {rec.values.min():g} .. {rec.values.max():g}"
+        notes = [one_line(str(said.message), 400) for said in caught]
+        for note in notes:
+            click.echo(f"warning: {note}", err=True)
+        area_mm2 = area_mm2 or rec.area_mm2
+        if unit is None and rec.unit is None:
+            said = f"unknown for values {np.nanmin(rec.values):g} .. {np.nanmax(rec.values):g}"
             raise InputError(file, "unit", said, "--unit " + ", ".join(recording.UNITS))
+        if unit is not None and rec.unit not in (None, unit):
+            raise InputError(file, "--unit", unit, f"{rec.unit}, as the file says")
+        unit = unit or rec.unit
         if mask is not None:
             rec = _masked(rec, mask)
         if clip_negative:
             rec = dataclasses.replace(rec, values=np.maximum(rec.values, 0.0))
         frames, rows, cols = rec.values.shape
+        decodes = unit == "codes" and not through_chip
+        if decodes and scale != 1:
+            raise InputError(
+                "command line", "--scale", scale, "left out for codes that are decoded; or --through-chip"
+            )
+        if decodes and scene is None and known is None:
+            notes.append(
+                f"{one_line(file)}: codes of the default chip; --scene or --calibration of the chip otherwise"
+            )
+            click.echo(f"warning: {notes[-1]}", err=True)
         chip = chip_of(rows, cols, scene)
-        values = np.where(rec.present, rec.values, np.inf if unit == "ohm" else 0)
-        force = np.where(rec.present, forces_of(values, unit, chip, area_mm2, scale), 0.0)
         # Times of a file have six digits; a frame that is shorter by less is the same.
-        if frames > 1 and rec.t_frame_s < chip.timing.frame_s * (1 - 1e-6):
+        if not decodes and frames > 1 and rec.t_frame_s < chip.timing.frame_s * (1 - 1e-6):
             most = 1 / chip.timing.frame_s
             allowed = f"at most {most:.4g} frames a second: the chip reads {rows} rows in {1 / most:g} s"
-            raise InputError(file, "rate", f"{1 / rec.t_frame_s:.6g}", allowed)
+            speed = f"{1 / rec.t_frame_s:.6g}" if rec.t_frame_s else "no time between frames"
+            raise InputError(file, "rate", speed, allowed)
         own = None if known is None else calibration.load(known)
         if own is not None:
             own.check(rows, cols, known)
         skin = Skin(chip, calibration=own)
-        codes, found, judged = read_frames(skin, rec, force)
+        if decodes:
+            codes, found, judged = decode_frames(skin, rec, file)
+        else:
+            values = np.where(rec.present, rec.values, np.inf if unit == "ohm" else 0)
+            force = np.where(rec.present, forces_of(values, unit, chip, area_mm2, scale), 0.0)
+            codes, found, judged = read_frames(skin, rec, force)
         judged += interest_rows(codes, rec.time_s, chip.timing.frame_s)
         said = {"file": str(file), "unit": unit, "scene": scene or "default chip", "calibration": known}
+        told = understood(rec, unit, area_mm2)
+        said |= {"decoded": decodes, "understood": told, "warnings": notes}
         write(target, rec, codes, found, judged, said, hdf5)
+        for name, value in told.items():
+            click.echo(f"{name:8} {value}")
+        click.echo("\n".join(touch_map(found.force_n)))
         verdict.write_rows("read", judged)
         taxels = int(rec.present.sum())
         title = f"{one_line(file)}: {frames} frames of {rows} x {cols}, {taxels} taxels, time from {rec.time_from}"
@@ -261,7 +460,9 @@ def _masked(rec: recording.Recording, mask: str) -> recording.Recording:
     rows, cols = rec.present.shape
     allowed = f"{rows} x {cols} values, 0 where there is no taxel"
     try:
-        found = recording.load(mask, recording.Layout(rows, cols, rate_hz=1.0), "--mask").values
+        found = recording.load(
+            mask, recording.Layout(rows, cols, rate_hz=1.0, gaps="refuse", header=False), "--mask"
+        ).values
     except InputError as error:
         raise InputError(mask, error.key, error.value, f"{error.allowed}; {allowed}") from None
     present = rec.present & (found[0] != 0)
@@ -289,8 +490,11 @@ def write(
         "time_from": rec.time_from,
         "verdicts": rows,
     }
+    missing = np.isnan(rec.values)
+    # A code that is missing in the file is missing in the results.
+    shown = np.where(missing, np.nan, codes) if missing.any() else codes
     arrays = {
-        "codes": codes,
+        "codes": shown,
         "forces_n": found.force_n,
         "forces_low_n": found.low_n,
         "forces_high_n": found.high_n,
@@ -299,7 +503,7 @@ def write(
     files |= {f"{name}.npy": output.npy_bytes(array) for name, array in arrays.items()}
     files |= {
         "time_s.npy": output.npy_bytes(rec.time_s),
-        "codes.csv": output.csv_of(codes, time_s=rec.time_s),
+        "codes.csv": output.csv_of(shown, "g" if missing.any() else "d", rec.time_s),
         "forces_n.csv": output.csv_of(found.force_n, ".6g", rec.time_s),
         "summary.json": json.dumps(summary, indent=1, allow_nan=False) + "\n",
     }

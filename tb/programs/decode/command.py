@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 
 from dermis import plan as planning
 from dermis.array.array import Network, column_currents
-from dermis.decode import calibration, crosstalk, identify, memory
+from dermis.decode import calibration, crosstalk, identify, memory, recording
 from dermis.decode.calibration import Calibration
 from dermis.decode.decoder import SATURATED, Decoder, Forces
 from dermis.engines import closed, event
 from dermis.places import BUILD
 from dermis.records import Plan
-from dermis.report import calibrate, verdict
+from dermis.report import calibrate, read, verdict
 from dermis.scene import scene as scenes
 from dermis.skin import Skin
-from tb.programs.decode import published, session
+from tb.programs.decode import files, published, session
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +33,8 @@ SEED = 20_261_123
 """Seed of all that is judged here. Constants of the decoder were chosen with others: 0 to 10, 18, 19, 101 to 110."""
 FULL_N = 15.0
 """Full scale of the design's sheet."""
+FILES = 2000
+"""Recordings that are drawn."""
 SLACK = 1 + 1e-9
 """Rounding of a force that lies on the end of its interval."""
 
@@ -232,6 +234,33 @@ def coverage_row() -> verdict.Row:
     return row | ({} if width <= 2 else {"status": "FAIL"})
 
 
+def recordings() -> list[verdict.Row]:
+    """Judge files of random layouts, and codes that go through a file."""
+    chip = read.chip_of(16, 16, None)
+    rng = np.random.default_rng(SEED)
+    alone = np.diag(rng.uniform(0, 9, chip.rows * chip.cols)).reshape(-1, chip.rows, chip.cols)
+    force = np.concatenate([alone, rng.uniform(0, 9, (100, chip.rows, chip.cols))])
+    with tempfile.TemporaryDirectory() as held:
+        counts = files.count(Path(held), FILES)
+        file = Path(held) / "codes.npy"
+        np.save(file, Skin(chip).read(force))
+        layout = recording.Layout(chip.rows, chip.cols, rate_hz=100.0)
+        codes, found, _ = read.decode_frames(Skin(chip), recording.load(file, layout), str(file))
+    error = np.abs(found.force_n - force)
+    pressed = alone > 0
+    # One code of a taxel that droops is more force than one of full scale by 255.
+    more = Skin(chip).decode(codes[: len(alone)] + pressed.astype(codes.dtype)).force_n
+    lsb_n = (more - found.force_n[: len(alone)])[pressed]
+    worst = float((error[: len(alone)][pressed] / lsb_n).max())
+    crowd = float(error[len(alone) :].max()) / (FULL_N / chip.timing.code_max)
+    said = ", ".join(f"{n} {name}" for name, n in counts.items())
+    note = f"all taxels pressed at once: {crowd:.2g} of {FULL_N:g} N / {chip.timing.code_max}"
+    return [
+        verdict.judge("read.silent_wrong", counts["wrong"], said),
+        verdict.judge("read.codes_roundtrip", worst, note),
+    ]
+
+
 def rates() -> list[verdict.Row]:
     """Frames a second of one core, by processor time."""
     force = np.random.default_rng(0).uniform(0, 10, (3000, 16, 16))
@@ -265,7 +294,7 @@ def decode_command() -> int:
     """Decoding against truth: solver, tables, hysteresis, intervals, rates; a figure in build/decode."""
     from tb.programs.decode import figures
 
-    rows = [noise_free(), *tables(), worn(), hysteresis(), coverage_row(), *rates()]
+    rows = [noise_free(), *tables(), worn(), hysteresis(), coverage_row(), *recordings(), *rates()]
     figures.error_maps(BUILD / "decode" / "decode_error_maps.png")
     verdict.write_rows("decode", rows)
     verdict.print_rows(rows, "codes to newtons")

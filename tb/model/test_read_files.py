@@ -1,0 +1,449 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings of many kinds are read to the right numbers, or end in a question that names the option."""
+
+from __future__ import annotations
+
+import gzip
+import random
+import re
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dermis.decode import recording, recording_text
+from dermis.decode.recording import Layout
+from dermis.errors import InputError
+from dermis.report import output
+from tb.programs.decode import files
+
+SHAPE = (4, 6)
+FRAMES = np.round(np.random.default_rng(1).uniform(0, 99, (20, *SHAPE)), 2)
+SIZE = {"rows": 4, "cols": 6}
+RATE = {"rate_hz": 50.0}
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Callable[..., recording.Recording]:
+    def loaded(content: str | bytes, name: str = "touch.csv", **layout: Any) -> recording.Recording:
+        path = tmp_path / name
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            found = recording.load(path, Layout(**layout))
+        loaded.said = " ".join(str(w.message) for w in caught)
+        return found
+
+    return loaded
+
+
+def table(lead: dict[str, list[str]], frames: np.ndarray = FRAMES, names: list[str] | None = None) -> str:
+    """Return a csv with leading columns, then the taxels."""
+    names = [f"p{k}" for k in range(24)] if names is None else names
+    lines = [",".join([*lead, *names])] if names else []
+    for n, frame in enumerate(frames):
+        lines.append(",".join([*(cells[n] for cells in lead.values()), *(f"{v:g}" for v in frame.ravel())]))
+    return "\n".join(lines) + "\n"
+
+
+def counted(factor: float, start: float = 0) -> list[str]:
+    return [f"{start + factor * n:.12g}" for n in range(len(FRAMES))]
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [
+        ("time_ms", 20),
+        ("Time [ms]", 20),
+        ("t_us", 20_000),
+        ("stamp_ns", 2e7),
+        ("time (s)", 0.02),
+        ("timeMs", 20),
+        ("t", 0.02),
+    ],
+)
+def test_the_unit_in_the_name_of_a_time_counts(load, name: str, factor: float) -> None:
+    found = load(table({name: counted(factor)}), **SIZE)
+    assert (found.values == FRAMES).all()
+    # Twelve digits of a time of 0.38 s.
+    assert found.time_s == pytest.approx(0.02 * np.arange(20), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "unit", ["s", "sec", "secs", "seconds", "ms", "msec", "milliseconds", "us", "micros", "ns", "nanosec"]
+)
+def test_units_of_time_are_known(unit: str) -> None:
+    wanted = {"s": "s", "m": "ms", "u": "us", "n": "ns"}["u" if unit == "micros" else unit[0]]
+    assert recording_text.time_unit_of(f"time_{unit}") == wanted
+
+
+def test_seconds_and_nanoseconds_make_one_time(load) -> None:
+    ns = [1_700_000_000_900_000_000 + 20_000_000 * n for n in range(20)]
+    pair = {"stamp.sec": [str(t // 10**9) for t in ns], "stamp.nanosec": [str(t % 10**9) for t in ns]}
+    for found in (load(table(pair), **SIZE), load(table(pair, names=[]), **SIZE)):
+        assert (found.values == FRAMES).all()
+        # Rounding of whole nanoseconds.
+        assert found.time_s == pytest.approx(0.02 * np.arange(20), abs=1e-12)
+
+
+def test_a_counter_of_32_bits_wraps(load) -> None:
+    found = load(table({"t_us": [str((2**32 - 50_000 + 20_000 * n) % 2**32) for n in range(20)]}), **SIZE)
+    # Rounding of whole microseconds.
+    assert found.time_s == pytest.approx(0.02 * np.arange(20), abs=1e-9)
+    assert "2^32" in load.said
+
+
+def test_stamps_that_are_missing_or_equal_are_reported(load) -> None:
+    stamps = counted(0.02)
+    stamps[5], stamps[8] = "", stamps[7]
+    found = load(table({"time": stamps}), **SIZE)
+    assert found.time_s[5] == pytest.approx(0.1)
+    assert "1 times are missing, the first of frame 5" in load.said
+    assert "the first of frame 8" in load.said
+
+
+def test_dotted_dates_stand_beside_decimal_commas(load) -> None:
+    lines = [f"25.04.2023 10:49:00,{20 * n:03d};" + ";".join(f"{v:g}".replace(".", ",") for v in frame.ravel())
+             for n, frame in enumerate(FRAMES)]  # fmt: skip
+    found = load("\n".join(lines), **SIZE)
+    assert (found.values == FRAMES).all()
+    # A double holds the seconds since 1970 to 2.4e-7.
+    assert found.time_s == pytest.approx(0.02 * np.arange(20), abs=2.4e-7)
+
+
+def test_a_header_of_numbers_is_no_frame(load) -> None:
+    numbers = [str(k) for k in range(24)]
+    found = load(table({}, names=numbers), **SIZE, **RATE)
+    assert (found.values == FRAMES).all()
+    assert "--header" in load.said
+    assert (load(table({"": numbers[:20]}, names=numbers), **SIZE, **RATE).values == FRAMES).all()
+    assert (load(table({"time": counted(0.02)}, names=numbers), **SIZE).values == FRAMES).all()
+    assert len(load(table({}, names=numbers), **SIZE, **RATE, header=False).values) == 21
+    # Numbers that go on in the next line may be a frame.
+    ramp = 5 * np.arange(4)[:, None] + np.arange(24)
+    with pytest.raises(InputError, match="--header"):
+        load("\n".join(",".join(map(str, row)) for row in ramp), **SIZE, **RATE)
+
+
+def test_other_columns_never_shift_taxels(load) -> None:
+    words = (
+        "sum,cop_x,"
+        + ",".join(f"p{k}" for k in range(12))
+        + ",flags,imu_0,imu_1,"
+        + ",".join(f"p{k}" for k in range(12, 24))
+    )
+    lines = [words]
+    for frame in FRAMES:
+        v = [f"{x:g}" for x in frame.ravel()]
+        lines.append(",".join(["9", "8", *v[:12], "7", "6", "5", *v[12:]]))
+    found = load("\n".join(lines), **SIZE, **RATE)
+    assert (found.values == FRAMES).all()
+    assert found.ignored == ("sum", "cop_x", "flags", "imu_0", "imu_1")
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ([f"p{k}" for k in range(23)] + ["p29"], "p0, not 23"),
+        ([f"p{k}" for k in range(23)] + ["p3"], "p3 twice"),
+        ([f"left_{k}" for k in range(12)] + [f"right_{k}" for k in range(12)], "--part"),
+        ([f"c{k}" for k in range(24)], "--rows and --cols"),
+        ([f"h{h}_t{k}" for h in range(2) for k in range(12)], "row and column"),
+        ([f"s[{h}][{k}]" for h in range(1) for k in range(24)], None),
+    ],
+)
+def test_names_that_do_not_explain_all_end_in_a_question(load, names: list[str], said: str | None) -> None:
+    if said is None:
+        assert load(table({}, names=names), **SIZE, **RATE).values.shape == (20, *SHAPE)
+        return
+    with pytest.raises(InputError, match=re.escape(said)):
+        load(table({}, names=names), **RATE)
+
+
+@pytest.mark.parametrize("part", ["", "# frame {}", "Frame {}"])
+@pytest.mark.parametrize("options", [{}, SIZE])
+def test_lost_rows_are_reported_with_their_frame_and_later_ones_stay(load, part: str, options: dict) -> None:
+    lines: list[str] = []
+    for n, frame in enumerate(FRAMES):
+        lines.append(part.format(n))
+        lines += [
+            ",".join(f"{v:g}" for v in row) for r, row in enumerate(frame) if (n, r) not in ((7, 3), (8, 0))
+        ]
+    found = load("\n".join(lines), **RATE, **options)
+    right = [n for n in range(20) if n not in (7, 8)]
+    assert (found.values[right] == FRAMES[right]).all()
+    assert np.isnan(found.values[7:9]).all()
+    assert "frame 7 has 3 of 4" in load.said
+
+
+def test_lost_labels_are_lost_frames(load) -> None:
+    lines: list[str] = []
+    for n in (*range(5), *range(8, 20)):
+        lines += [f"# frame {n}", *(",".join(f"{v:g}" for v in row) for row in FRAMES[n])]
+    found = load("\n".join(lines), **RATE)
+    assert found.time_s[5] == pytest.approx(8 / 50)
+    assert "3 frames are lost, the first after frame 4" in load.said
+
+
+def test_a_file_of_its_own_is_read_back(load) -> None:
+    text = output.csv_of(FRAMES, ".6g", 0.02 * np.arange(20))
+    found = load(text)
+    assert (found.values == FRAMES).all()
+    assert found.time_s == pytest.approx(0.02 * np.arange(20))
+    assert not load.said
+    lines = text.splitlines()
+    del lines[10]
+    found = load("\n".join(lines))
+    assert np.isnan(found.values[2, 1]).all()
+    assert np.isfinite(found.values).sum() == FRAMES.size - 6
+    assert "frame 2 has no row 1" in load.said
+
+
+@pytest.mark.parametrize(
+    ("array", "layout"),
+    [
+        (np.moveaxis(FRAMES, 0, 2), SIZE),
+        (FRAMES.reshape(20, 24), SIZE),
+        (FRAMES.reshape(20, 24).T, SIZE),
+        (np.moveaxis(FRAMES, 0, 2), {"axes": ("rows", "cols", "frames")}),
+        (FRAMES.transpose(0, 2, 1), {"axes": ("frames", "cols", "rows")}),
+        (np.stack([FRAMES, 0 * FRAMES], axis=1), {"axes": ("frames", 0, "rows", "cols")}),
+        (np.stack([0 * FRAMES, FRAMES]).reshape(2, 20, 24), {"axes": (1, "frames", "taxels"), **SIZE}),
+    ],
+)
+def test_axes_are_recognised_or_named(load, tmp_path: Path, array: np.ndarray, layout: dict) -> None:
+    np.save(tmp_path / "made.npy", array)
+    found = load((tmp_path / "made.npy").read_bytes(), "touch.npy", **layout, **RATE)
+    assert (found.values == FRAMES).all()
+
+
+@pytest.mark.parametrize("shape", [(4, 4, 4), (4, 8, 32), (20, 2, 256), (3, 2, 4, 4), (16, 4)])
+def test_axes_that_cannot_be_known_are_asked_for(load, tmp_path: Path, shape: tuple) -> None:
+    np.save(tmp_path / "made.npy", np.arange(np.prod(shape)).reshape(shape))
+    with pytest.raises(InputError, match="--axes"):
+        load((tmp_path / "made.npy").read_bytes(), "touch.npy", **RATE)
+
+
+def test_the_times_of_an_npz_are_found(load, tmp_path: Path) -> None:
+    np.savez(tmp_path / "made.npz", force=FRAMES, time_ms=20 * np.arange(20), note=np.array("left"))
+    for key in (None, "force"):
+        found = load((tmp_path / "made.npz").read_bytes(), "touch.npz", key=key, **SIZE)
+        assert (found.values == FRAMES).all()
+        assert found.time_s == pytest.approx(0.02 * np.arange(20))
+
+
+def test_matlab_files_and_gzip(load, tmp_path: Path) -> None:
+    scipy_io = pytest.importorskip("scipy.io")
+    scipy_io.savemat(
+        tmp_path / "made.mat", {"P": np.moveaxis(FRAMES, 0, 2), "t": 0.02 * np.arange(20), "fs": 50.0}
+    )
+    content = (tmp_path / "made.mat").read_bytes()
+    for found in (load(content, "touch.mat"), load(gzip.compress(content), "touch.mat.gz")):
+        assert (found.values == FRAMES).all()
+        assert found.time_s == pytest.approx(0.02 * np.arange(20))
+    with pytest.raises(InputError, match="gzip"):
+        load(gzip.compress(content)[:99], "touch.mat.gz")
+
+
+@pytest.mark.parametrize("coding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32", "utf-8-sig", "latin-1"])
+def test_codings(load, coding: str) -> None:
+    text = (
+        table({"time [\u00b5s]": counted(20_000)})
+        if coding != "latin-1"
+        else table({"time [ms]": counted(20)}, names=[f"p{k} \u00b0" for k in range(24)])
+    )
+    assert (load(text.encode(coding), **SIZE).values == FRAMES).all()
+
+
+@pytest.mark.parametrize("cell", ["nan", "", "-", "null", "N/A"])
+def test_a_missing_cell_is_missing_alone(load, cell: str) -> None:
+    lines = table({"time": counted(0.02)}).splitlines()
+    cells = lines[4].split(",")
+    cells[6] = cell
+    lines[4] = ",".join(cells)
+    found = load("\n".join(lines), **SIZE)
+    assert np.argwhere(np.isnan(found.values)).tolist() == [[3, 0, 5]]
+    assert np.nansum(found.values) == pytest.approx(FRAMES.sum() - FRAMES[3, 0, 5])
+    assert load("\n".join(lines), **SIZE, gaps="hold").values[3, 0, 5] == FRAMES[2, 0, 5]
+    with pytest.raises(InputError, match="frame 3, row 0, column 5"):
+        load("\n".join(lines), **SIZE, gaps="refuse")
+
+
+TEKSCAN = """DATA_TYPE MOVIE
+ROWS 4
+COLS 6
+ROW_SPACING {space}
+COL_SPACING {space}
+SECONDS_PER_FRAME 0.02
+UNITS {unit}
+ASCII_DATA @@
+"""
+"""Header of an export of Tekscan."""
+
+
+@pytest.mark.parametrize(
+    ("space", "unit", "factor", "read"),
+    [
+        ("5 mm", "KPa", 1.0, "kpa"), ("0.5 cm", "PSI", 6.894757, "kpa"),
+        ("0.19685039 inches", "mmHg", 0.1333224, "kpa"), ("0.5 centimeters", "N/cm2", 10.0, "kpa"),
+        ("5 mm", "N", 1.0, "newtons"), ("5 mm", "Raw", 1.0, None),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("stamped", [False, True])
+@pytest.mark.parametrize("end", ["", ",,,"])
+def test_tekscan(
+    load, space: str, unit: str, factor: float, read: str | None, stamped: bool, end: str
+) -> None:
+    lines = [line + end for line in TEKSCAN.format(space=space, unit=unit).splitlines()]
+    for n, frame in enumerate(FRAMES):
+        if n == 9:
+            continue  # a lost frame
+        lines += ["", f"Frame {n + 1} ({0.02 * n:.3f} s)" if stamped else f"Frame {n + 1}"]
+        rows = [[f"{v:g}" for v in row] for row in frame]
+        rows[0][5] = "B"
+        lines += [",".join(row) for row in rows[: 3 if n == 12 else 4]]
+    found = load("\n".join(lines), "touch.asf")
+    right = [n for n in range(20) if n not in (9, 12)]
+    kept = found.values[[n - (n > 9) for n in right]]
+    wanted = np.where(found.present, FRAMES[right] * factor, 0.0)
+    assert kept == pytest.approx(wanted)
+    assert np.argwhere(~found.present).tolist() == [[0, 5]]
+    assert found.unit == read
+    assert found.area_mm2 == pytest.approx(25.0)
+    assert found.time_s == pytest.approx(0.02 * np.r_[:9, 10:20])
+    assert "frame 13 has 3 of 4 lines" in load.said
+    assert "1 frames are lost, the first after frame 9" in load.said
+
+
+def test_two_sensors_of_a_frame_are_asked_for(load) -> None:
+    lines = ["File:,x", "Units:,mmHg"]
+    for n, frame in enumerate(FRAMES):
+        lines += [f"FRAME,{n}", f"Time, 08:21:{17 + 0.02 * n:06.3f}"]
+        for part, factor in (("left", 1), ("right", 2)):
+            lines += [
+                f"SENSOR,{part}",
+                "Rows,4",
+                "Columns,6",
+                "Sensel Width (cm),0.5",
+                "Sensel Height (cm),0.5",
+                "SENSELS",
+            ]
+            lines += [",".join(f"{v * factor:g}" for v in row) + ",,," for row in frame]
+        lines += ["GROUP,1", "Cells,2", "SENSELS", "1,2,,,,"]
+    with pytest.raises(InputError, match=r"1 left, 2 right: --part 1..2"):
+        load("\n".join(lines))
+    found = load("\n".join(lines), part=2)
+    assert found.values == pytest.approx(2 * FRAMES * 0.1333224)
+    assert (found.unit, found.area_mm2) == ("kpa", pytest.approx(25.0))
+    assert found.time_s == pytest.approx(0.02 * np.arange(20))
+
+
+def test_emed(load) -> None:
+    lines = [
+        "File: x\tMatrix: 64x95",
+        "\tSensor area: 0.25 cm²\tTime/picture:20.0 ms",
+        "Sensor size: 0.500x0.500 cm",
+        "",
+    ]
+    for n, frame in enumerate(FRAMES[:5]):
+        for half in (range(3), range(3, 6)):  # two pages a picture
+            lines += [
+                f"Page {n}",
+                f"Pict-No.: {n + 1}  {20 * n} ms",
+                "",
+                "  ".join(str(c + 11) for c in half) + "  Force",
+            ]
+            for r in range(4):
+                row = [*frame[r, list(half)], frame[r, list(half)].sum() * 0.025]
+                lines.append(f"{r + 21} " + " ".join(f"{v:.2f}" for v in row))
+            lines += ["Force " + "999 " * 4, "\x0c"]
+    lines += ["Page 9", "MVP", "", "11 12", "21 999 999"]
+    found = load("\n".join(lines), "touch.lst")
+    assert (found.values == FRAMES[:5]).all()
+    assert (found.unit, found.area_mm2) == ("kpa", pytest.approx(25.0))
+    assert found.time_s == pytest.approx(0.02 * np.arange(5))
+    assert "rows from 21 and columns from 11" in found.order
+
+
+def test_pliance_and_pedar(load) -> None:
+    head = "file name: x\tdate/time 17.06.23\nscanning rate [Hz]: 50\npressure values in kPa\n\n"
+    present = [n for n in range(1, 25) if n % 6 not in (1, 2)]
+    lines = [
+        f"{0.02 * n:.5f}  " + "  ".join(f"{FRAMES[n].ravel()[k - 1]:.3f}" for k in present) for n in range(20)
+    ]
+    names = "time[secs]  " + "  ".join(map(str, present))
+    text = "\n".join(
+        [
+            head.replace("\t", " ") + "electrical:",
+            names,
+            *lines,
+            "MVP  " + "9  " * 16,
+            "",
+            "time[secs] force[N]",
+            "0.02 9",
+        ]
+    )
+    with pytest.raises(InputError, match="--rows and --cols"):
+        load(text, "touch.asc")
+    found = load(text, "touch.asc", **SIZE)
+    assert "another table begins at line 29" in load.said
+    assert (found.values[:, found.present] == FRAMES[:, found.present]).all()
+    assert found.present.sum() == len(present)
+    assert found.unit == "kpa"
+    soles = "time[secs]\t" + "\t".join(str(k) for _ in range(2) for k in range(1, 25)) + "\n"
+    soles += "\n".join(
+        "\t".join([f"{0.02 * n:.2f}", *(f"{v:g}" for v in (*(0 * f).ravel(), *f.ravel()))])
+        for n, f in enumerate(FRAMES)
+    )
+    with pytest.raises(InputError, match="--part N"):
+        load(head + soles, "touch.asc", **SIZE)
+    assert (load(head + soles, "touch.asc", **SIZE, part=2).values == FRAMES).all()
+
+
+def test_no_drawn_file_is_read_wrongly_without_a_warning(tmp_path: Path) -> None:
+    counts = files.count(tmp_path, 120)
+    assert counts["right"] > counts["refused"] + counts["warned"]
+
+
+def test_damaged_files_end_in_one_line(tmp_path: Path) -> None:
+    draw = random.Random(3)
+    pieces = (
+        b"",
+        b"Frame 3\n",
+        b"# x\n",
+        b"\n\n",
+        b'"',
+        b"[",
+        b"]",
+        b",",
+        b"time,",
+        b"\0",
+        b"9" * 400,
+        b"12:00:00",
+        b"MVP",
+    )
+    layouts = (Layout(), Layout(4, 6, **RATE), Layout(part=1), Layout(skip=1, **RATE), Layout(time_key="0"))
+    said: list[str] = []
+    for _ in range(150):
+        content = bytearray(files.text_file(lambda options: draw.choice(list(options)))[0])
+        for _ in range(draw.choice([1, 2, 5])):
+            at = draw.randrange(len(content) + 1)
+            content[at : at + draw.choice([0, 1, 60])] = draw.choice(pieces)
+        (tmp_path / "damaged.csv").write_bytes(content)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                recording.load(tmp_path / "damaged.csv", draw.choice(layouts))
+            except InputError as error:
+                said.append(str(error))
+    assert 0 < len(said) < 150
+    assert not any("\n" in line for line in said)
+
+
+def test_a_reader_that_ignores_names_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording_text.np, "argsort", lambda numbers: np.arange(len(numbers)))
+    with pytest.raises(AssertionError):
+        files.count(tmp_path, 120, shrink=False)

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings as files of many kinds: names, orders, extra columns, gaps, times and axes, each with its truth."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from dermis.decode import recording
+from dermis.errors import InputError
+
+Choose = Callable[[Sequence[Any]], Any]
+T_FRAME_S = 0.02
+
+NAMES: dict[str, Callable[[int, int, int, int], str]] = {
+    "r{r}c{c}": lambda r, c, rows, cols: f"r{r}c{c}",
+    "row1_col1": lambda r, c, rows, cols: f"row{r + 1}_col{c + 1}",
+    "c{c}_r{r}": lambda r, c, rows, cols: f"c{c}_r{r}",
+    "taxel_n": lambda r, c, rows, cols: f"taxel_{r * cols + c}",
+    "padded": lambda r, c, rows, cols: f"P{r * cols + c:04d}",
+    "from one": lambda r, c, rows, cols: f"p{r * cols + c + 1}",
+    "s[r][c]": lambda r, c, rows, cols: f"s[{r}][{c}]",
+    "bare": lambda r, c, rows, cols: f"{r * cols + c}",
+    "x{c}y{r}": lambda r, c, rows, cols: f"x{c}y{r}",
+    "h0_n": lambda r, c, rows, cols: f"hand0_{r * cols + c} [N]",
+}
+EXTRA = (
+    "sum",
+    "cop_x",
+    "flags",
+    "imu_0",
+    "index",
+    "Unnamed: 0",
+    "temperature",
+    "seq",
+    "left",
+    "p_max",
+    "q1",
+    "",
+)
+TIMES = {
+    "time": 1.0,
+    "time_ms": 1e3,
+    "Time [ms]": 1e3,
+    "t_us": 1e6,
+    "stamp_ns": 1e9,
+    "time (s)": 1.0,
+    "t": 1.0,
+}
+
+
+def text_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.ndarray]:
+    """Return a text, options, the true values [frames, rows, cols] and times in seconds."""
+    rows, cols = choose([(4, 4), (3, 5), (4, 6), (8, 8), (2, 16), (6, 3)])
+    frames = choose([1, 2, 5, 16, 18])
+    rng = np.random.default_rng(choose(range(50)))
+    values = np.round(rng.uniform(0, 200, (frames, rows, cols)), choose([0, 0, 2]))
+    number = np.arange(frames) + np.cumsum(rng.random(frames) < 0.2) * choose([0, 1])
+    time = number * T_FRAME_S + choose([0.0, 100.0])
+    mark = choose([",", ";", "\t", " ", ", "])
+    point = choose([".", ".", ","]) if mark in (";", "\t") else "."
+    options: dict[str, Any] = {"rows": rows, "cols": cols} if choose([True, True, False]) else {}
+
+    def shown(value: float) -> str:
+        return ("nan" if np.isnan(value) else f"{value:.6g}").replace(".", point)
+
+    taxels = [(r, c) for r in range(rows) for c in range(cols)]
+    kind = choose(["names", "names", "names", "no names", "rows", "blocks"])
+    if choose([False, False, True]):
+        values[rng.integers(frames), rng.integers(rows), rng.integers(cols)] = np.nan
+    if kind in ("rows", "blocks"):
+        part = choose(["", "# frame {}", "Frame {}"]) if kind == "blocks" else None
+        # A file of one whole frame does not say that it had two.
+        away = choose([0, 0, 1, rows] if frames > 2 else [0, 0, 1])
+        lines, lost = [], set(rng.choice(frames * rows, away, replace=False).tolist())
+        for n in range(frames):
+            if part is not None and (n > 0 or part):
+                lines.append(part.format(n))
+            lines += [mark.join(map(shown, values[n, r])) for r in range(rows) if n * rows + r not in lost]
+            for r in range(rows):
+                if n * rows + r in lost:
+                    values[n, r] = np.nan
+        if part is not None:
+            values[np.isnan(values).any(axis=2).any(axis=1)] = np.nan
+        return (
+            "\n".join(lines).encode(),
+            options | {"rate_hz": 1 / T_FRAME_S},
+            values,
+            T_FRAME_S * np.arange(frames),
+        )
+    columns: list[tuple[str, list[str]]] = []
+    name = NAMES[choose(list(NAMES))]
+    order = choose(["rows", "columns", "descending", "text", "shuffled"]) if kind == "names" else "rows"
+    if order == "columns":
+        taxels.sort(key=lambda at: at[::-1])
+    elif order == "descending":
+        taxels.reverse()
+    elif order == "text":
+        taxels.sort(key=lambda at: name(*at, rows, cols))
+    elif order == "shuffled":
+        rng.shuffle(taxels)
+    for r, c in taxels:
+        columns.append((name(r, c, rows, cols), [shown(v) for v in values[:, r, c]]))
+    for _ in range(choose([0, 0, 1, 2])):
+        at = choose([0, len(columns), len(columns) // 2])
+        content = choose(["counter", "random", "word", "constant"])
+        cells = {
+            "counter": [shown(n * 0.5) for n in range(frames)],
+            "random": [shown(v) for v in rng.uniform(0, 9, frames)],
+            "word": ["palm"] * frames,
+            "constant": ["0"] * frames,
+        }[content]
+        columns.insert(at, (choose(EXTRA), cells))
+    if kind == "names" and choose([True, True, False]):
+        title = choose(list(TIMES))
+        stamps = [f"{t * TIMES[title]:.9g}".replace(".", point) for t in time]
+        columns.insert(choose([0, len(columns)]), (title, stamps))
+    else:
+        options["rate_hz"], time = 1 / T_FRAME_S, T_FRAME_S * np.arange(frames)
+    # Without names, one column less and another one more cannot be known.
+    if choose([False] * 9 + [True]) and kind == "names":
+        del columns[choose(range(len(columns)))]
+    head = [mark.join(n for n, _ in columns)] if kind == "names" else []
+    lines = head + [mark.join(cells[n] for _, cells in columns) for n in range(frames)]
+    coding = choose(["utf-8", "utf-8", "utf-8-sig", "utf-16", "latin-1"])
+    return "\n".join(lines).encode(coding), options, values, time
+
+
+def array_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.ndarray]:
+    """Return an npy file with its axes in any order, options, and the truth, as `text_file`."""
+    shape = choose([(20, 4, 4), (4, 4, 4), (9, 3, 5), (5, 8, 2), (3, 4, 6), (16, 4, 4), (6, 4, 6)])
+    values = np.random.default_rng(choose(range(50))).uniform(0, 200, shape)
+    axes = choose([(0, 1, 2), (1, 2, 0)])
+    told = values if choose([True, False]) else values.reshape(len(values), -1)
+    array = told.transpose(axes) if told.ndim == 3 else told.T if axes[0] else told
+    options: dict[str, Any] = {"rows": shape[1], "cols": shape[2]} if choose([True, False]) else {}
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue(), options | {"rate_hz": 1 / T_FRAME_S}, values, T_FRAME_S * np.arange(len(values))
+
+
+def outcome(path: Path, options: dict[str, Any], values: np.ndarray, time_s: np.ndarray) -> str:
+    """Read a file; return right, refused, warned or wrong. A reading with a warning may be wrong."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            found = recording.load(path, recording.Layout(**options))
+        except InputError as error:
+            if "--" not in str(error) and "line" not in str(error):
+                raise AssertionError(f"a refusal without a remedy: {error}") from error
+            return "refused"
+    absent = np.isnan(values).all(axis=0)
+    same = found.values.shape == values.shape and np.array_equal(
+        np.where(absent, 0, found.values), np.where(absent, 0, values), equal_nan=True
+    )
+    # Nine digits of a time of 100 s.
+    if same and np.allclose(found.time_s, time_s - time_s[0], atol=2e-6, rtol=0):
+        return "right"
+    return "warned" if caught else "wrong"
+
+
+def count(directory: Path, examples: int, shrink: bool = True) -> dict[str, int]:
+    """Draw files with Hypothesis and count the outcomes; a wrong one ends with its smallest example."""
+    counts = dict.fromkeys(("right", "refused", "warned", "wrong"), 0)
+
+    phases = (Phase.generate, Phase.shrink) if shrink else (Phase.generate,)
+
+    @settings(
+        max_examples=examples, phases=phases, deadline=None, database=None, derandomize=True,
+        suppress_health_check=list(HealthCheck),
+    )  # fmt: skip
+    @given(st.data())
+    def drawn(data: st.DataObject) -> None:
+        def choose(options: Sequence[Any]) -> Any:
+            return data.draw(st.sampled_from(list(options)))
+
+        text = choose([True, True, True, False])
+        content, options, values, time_s = (text_file if text else array_file)(choose)
+        path = directory / ("drawn.csv" if text else "drawn.npy")
+        path.write_bytes(content)
+        said = outcome(path, options, values, time_s)
+        counts[said] += 1
+        assert said != "wrong", (options, content[:2000])
+
+    drawn()
+    return counts
