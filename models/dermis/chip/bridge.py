@@ -345,17 +345,17 @@ class _Host:
                 await Timer(round(4e12 / self._timing.f_clk_hz), unit="ps")
 
     async def _exchange(self, send: bytes) -> bytes:
-        """Send bytes and return those received; COPI is constant if all bytes sent are 0."""
+        """Send bytes and return those received; COPI moves once if all their bits are alike, as while listening."""
         dut, cipo = self._dut, self._dut.spi_cipo_o
         rise, fall = RisingEdge(dut.spi_sck_i), FallingEdge(dut.spi_sck_i)
-        word, got = int.from_bytes(send, "big"), 0
-        for bit in range(8 * len(send) - 1, -1, -1):
-            if word:
+        word, got, bits = int.from_bytes(send, "big"), 0, 8 * len(send)
+        moves = word not in (0, (1 << bits) - 1)
+        dut.spi_copi_i.value = word >> (bits - 1) & 1
+        for bit in range(bits - 1, -1, -1):
+            if moves:
                 dut.spi_copi_i.value = word >> bit & 1
             await rise
             got = got << 1 | _known(cipo, "spi_cipo_o")
-            if word:
+            if moves:
                 await fall
-        if word:
-            dut.spi_copi_i.value = 0
         return got.to_bytes(len(send), "big")
