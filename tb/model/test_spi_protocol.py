@@ -259,7 +259,7 @@ def test_slots_out_of_order_are_no_frame() -> None:
 
 
 def test_no_bit_of_an_opcode_makes_a_write_of_a_read() -> None:
-    """What the host sends while it listens is no CRC of a write to a register that can be written."""
+    """The byte that follows a read is not the CRC that a write to the same register would need."""
     writable = {
         r.address + n for r in REGISTERS.values() if r.writable for n in range(len(r.words(128, 128, 16)))
     }

@@ -24,8 +24,8 @@ from dermis.errors import DermisError, InputError
 
 OP_WRITE, OP_READ, OP_FRAME = 0x02, 0x03, 0x0B
 FILL = b"\xff"
-"""What the host sends while it listens. With zeros a read of FULL_MIN whose opcode loses a bit is a write with a
-matching CRC; with ones no such register is writable."""
+"""What the host sends while it listens. With zeros one wrong bit could turn a read of FULL_MIN into a write of 0 whose
+CRC matches. With ones no register that can be written has such a CRC."""
 WAIT, TOKEN_DONE, TOKEN_DATA = 0x00, 0x5A, 0xA5
 TOKEN_OPCODE, TOKEN_CRC, TOKEN_BUSY, TOKEN_ACCESS = 0xE0, 0xE1, 0xE2, 0xE3
 
@@ -269,11 +269,8 @@ class RowsOfInterest:
     """
 
     def __init__(self, rows: int, threshold: float = 8, neighbours: int = 1, every: int = 16) -> None:
-        for name, value, least, most in (
-            ("rows", rows, 1, 128),
-            ("neighbours", neighbours, 0, 128),
-            ("every", every, 1, 1 << 31),
-        ):
+        for name, value, least in (("rows", rows, 1), ("neighbours", neighbours, 0), ("every", every, 1)):
+            most = 128 if name == "rows" else 1 << 31
             if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
                 raise InputError("RowsOfInterest", name, value, f"a whole number {least}..{most}")
         if not math.isfinite(threshold):
@@ -296,9 +293,10 @@ class RowsOfInterest:
             raise InputError(
                 "RowsOfInterest", "slots", slots.tolist(), f"rows below {rows}, or special slots"
             )
-        measured, reach = slots < rows, 2 * self.neighbours + 1
+        measured, near_by = slots < rows, min(self.neighbours, rows)
+        reach = 2 * near_by + 1
         self._touched[slots[measured].astype(int)] = (codes[measured] >= self.threshold).any(axis=1)
-        near = np.convolve(self._touched, np.ones(reach))[self.neighbours :][:rows] > 0
+        near = np.convolve(self._touched, np.ones(reach))[near_by:][:rows] > 0
         self._frame += 1
         idle = (np.arange(rows) + self._frame) % min(reach, rows) == 0
         self.mask = (near if near.any() else idle) | (self._frame % self.every == 0)
