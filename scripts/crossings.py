@@ -27,6 +27,7 @@ from scripts.judged import tool
 
 SYNC, RESET = "dermis_tech_sync", "dermis_reset_sync"
 FLOPS = ("$_DFF", "$_DLATCH", "$_SDFF", "$_ALDFF", "$_SR")
+RESETS = ("R", "S", "L")
 CLOCKS = ("C", "E", "CLK", "clk_i")
 """Pins of cells that clock them."""
 SIZE = {"ROWS": 3, "COLS": 2}
@@ -127,7 +128,7 @@ class Netlist:
     def resets(self, cell: Mapping[str, Any] | None) -> set[str]:
         """Return the pins that reset a flop at any time; but for that of the whole chip."""
         pins = cell["connections"] if cell and cell["type"].startswith(FLOPS) else {}
-        found = (s for pin in ("R", "S", "L") if pin in pins for s in self.sources(pins[pin][0]))
+        found = (s for pin in RESETS if pin in pins for s in self.sources(pins[pin][0]))
         return {self.pins[bit] for kind, bit, _ in found if kind == "pin"} - {"rst_ni"}
 
     @cached_property
@@ -138,7 +139,7 @@ class Netlist:
             kind, pins = cell["type"], cell["connections"]
             if kind.startswith(FLOPS):
                 target = self.place("flop", pins["Q"][0], cell)
-                data, resets = [pins["D"][0]], [pins[pin][0] for pin in ("R", "S", "L") if pin in pins]
+                data, resets = [pins["D"][0]], [pins[pin][0] for pin in RESETS if pin in pins]
             elif kind.startswith("$memwr"):
                 target = self.place("memory", 0, cell)
                 data, resets = [bit for pin in ("DATA", "ADDR", "EN") for bit in pins[pin]], []

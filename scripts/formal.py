@@ -277,9 +277,6 @@ def cover(proof: Proof, where: str = "formal", depth: int = 0) -> list[verdict.R
     return [row | {"status": "ERROR"} if undecided or not every else row]
 
 
-NONE = "none"
-
-
 def traced(outcome: Outcome) -> bool:
     """Return True if a run left the trace of a counterexample."""
     return any(path.stat().st_size for path in outcome.work.glob("sby/engine_0/trace*.vcd"))
@@ -287,18 +284,17 @@ def traced(outcome: Outcome) -> bool:
 
 def faults_named(rows: Sequence[verdict.Row]) -> list[verdict.Row]:
     """Return the share of noticed faults for which a search of all theorems names one, with a trace."""
-    noticed = [row["note"] for row in rows if ".fault." in row["name"] and row["status"] == "PASS"]
-    if not noticed:
+    named = [bool(row["named"]) for row in rows if "named" in row and row["status"] == "PASS"]
+    if not named:
         return []
-    named = [note for note in noticed if f"theorems {NONE} first" not in note]
-    note = f"{len(named)} of {len(noticed)} faults that a theorem notices"
-    return [verdict.judge("formal.faults_named", 100 * len(named) / len(noticed), note)]
+    note = f"{sum(named)} of {len(named)} faults that a theorem notices"
+    return [verdict.judge("formal.faults_named", 100 * sum(named) / len(named), note)]
 
 
 def break_it(proof: Proof, fault: Fault, where: str = "formal") -> list[verdict.Row]:
     """Return one row: PASS if the seeded fault gives a counterexample of its theorem.
 
-    The note tells what a search of all theorems names first, which is what one sees who does not know the fault.
+    `named` is what a search of all theorems names first, which is what one sees who does not know the fault.
     """
     outcome = run(proof, "search", list(proof.theorems), fault, depth=fault.depth, where=where)
     named = next((label for label in outcome.failed if label in proof.theorems and traced(outcome)), "")
@@ -306,7 +302,7 @@ def break_it(proof: Proof, fault: Fault, where: str = "formal") -> list[verdict.
         outcome = run(proof, "search", [fault.breaks], fault, depth=fault.depth, where=where)
     if outcome.status == "FAIL" and fault.breaks in outcome.failed and traced(outcome):
         status, note = "PASS", f"{fault.breaks} fails"
-        note += "" if named == fault.breaks else f"; of all theorems {named or NONE} first"
+        note += "" if named == fault.breaks else f"; of all theorems {named or 'none'} first"
     elif outcome.status == "PASS":
         status, note = "FAIL", "the fault is not detected"
     elif outcome.status == "FAIL":
@@ -315,7 +311,7 @@ def break_it(proof: Proof, fault: Fault, where: str = "formal") -> list[verdict.
     else:
         status, note = "ERROR", f"{outcome.status.lower()}: {outcome.note}"
     name = f"formal.{proof.name}.fault.{fault.name}"
-    return [_row(name, outcome.seconds, proof.option("timeout"), status, note)]
+    return [_row(name, outcome.seconds, proof.option("timeout"), status, note) | {"named": named}]
 
 
 def chosen(names: Sequence[str]) -> list[Proof]:

@@ -234,7 +234,7 @@ def power_rows(netlist: Netlist, size: Size, slots: Mapping[str, int], suffix: s
     def inside(kind: str, pin: str) -> float:
         return liberty.inside_fj(kind, pin, corner, ROOT / "build" / "liberty" / "tt")
 
-    parts = power.power_uw(netlist, netlist.technology, corner.voltage_v, counts, time_ns, inside)
+    parts = power.power_uw(netlist, corner.voltage_v, counts, time_ns, inside)
     vcd.unlink()
     said = ", ".join(f"{name} {part:.0f}" for name, part in parts.items())
     note = f"{said} uW at {corner.name}; reset, settings, a recorded frame and its reading in {time_ns / 1e6:.2f} ms"

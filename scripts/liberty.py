@@ -272,6 +272,31 @@ def _distance(gates: int, channel_um: float) -> float:
     return gates / sum(inverse) - channel_um / 2
 
 
+def _measured(
+    name: str, corner: Corner, path: Path, body: Sequence[str], options: str = "chgtol=1e-16"
+) -> Mapping[str, float]:
+    """Run a deck with the subcircuit `cell`, a cell of the library, and its supply `vdd`; return its measurements.
+
+    SimulatorError if ngspice or a measurement failed.
+    """
+    ports, inside = subcircuit(name)
+    # The default charge tolerance, 10 fC, is all the charge that a cell moves. With these, delays
+    # are within 0.2 % of those at a step of 1 ps.
+    deck = [
+        f"{PREFIX}{name} {corner.name}",
+        ".include models.spice",
+        f".temp {corner.temperature_c:g}",
+        f".options noacct trtol=1 {options}",
+        *(f".subckt cell {' '.join(ports)}", *inside, ".ends"),
+        *(f"vsupply vdd 0 {corner.voltage_v:g}", *body, ".end"),
+    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.with_name(".spiceinit").write_text("set ngbehavior=hsa\nset num_threads=1\n")
+    path.with_name("models.spice").write_text(_models(corner.process))
+    path.write_text("\n".join(deck) + "\n")
+    return spice_batch.run(path, TIME_LIMIT_S, START).values
+
+
 def measure(name: str, corner: Corner, directory: Path) -> dict[str, Table]:
     """Return the tables cell_rise, cell_fall, rise_transition and fall_transition of a sample, in
     ns; SimulatorError if ngspice or a measurement failed.
@@ -286,7 +311,7 @@ def measure(name: str, corner: Corner, directory: Path) -> dict[str, Table]:
     else:
         moves = edges[:2]
         shown = {"fall": edges[0], "rise": edges[1]}
-    ports, inside = subcircuit(name)
+    ports, _ = subcircuit(name)
     body = [_pwl("data", v_dd, [edge + 0.75 * window for edge in edges[:2]], 0.05)]
     for i, slew in enumerate(sample.slews):
         body.append(_pwl(f"in{i}", v_dd, moves, slew))
@@ -301,25 +326,8 @@ def measure(name: str, corner: Corner, directory: Path) -> dict[str, Table]:
                     f".meas tran {letter}{word}{i}{j} when v(q{i}{j})={level * v_dd:.6g} td={after:.6g}n {word}=1"
                     for letter, level in levels.items()
                 ]
-    directory.mkdir(parents=True, exist_ok=True)
-    # The default charge tolerance, 10 fC, is all the charge that a cell moves. With these, delays
-    # are within 0.2 % of those at a step of 1 ps.
-    deck = [
-        f"{PREFIX}{name} {corner.name}",
-        ".include models.spice",
-        f".temp {corner.temperature_c:g}",
-        ".options noacct trtol=1 chgtol=1e-16",
-        *(f".subckt cell {' '.join(ports)}", *inside, ".ends"),
-        f"vsupply vdd 0 {v_dd:g}",
-        *body,
-        f".tran {window / 2000:.6g}n {max(shown.values()) + window:.6g}n 0 {window / 200:.6g}n",
-        ".end",
-    ]
-    (directory / ".spiceinit").write_text("set ngbehavior=hsa\nset num_threads=1\n")
-    (directory / "models.spice").write_text(_models(corner.process))
-    path = directory / f"{name}.cir"
-    path.write_text("\n".join(deck) + "\n")
-    values = spice_batch.run(path, TIME_LIMIT_S, START).values
+    body.append(f".tran {window / 2000:.6g}n {max(shown.values()) + window:.6g}n 0 {window / 200:.6g}n")
+    values = _measured(name, corner, directory / f"{name}.cir", body)
 
     def table(word: str, kind: str) -> Table:
         def entry(i: int, j: int) -> float:
@@ -351,29 +359,17 @@ def inside_fj(kind: str, pin: str, corner: Corner, directory: Path) -> float:
     SimulatorError if ngspice failed.
     """
     name, periods = kind.removeprefix(PREFIX), 4
-    ports, inside = subcircuit(name)
+    ports, _ = subcircuit(name)
     nets = SUPPLIES | {port: "vdd" if port.endswith("_B") else "0" for port in ports if port not in SUPPLIES}
     nets |= {pin: "clk", "Q": "q"}
     half, end = corner.window_ns, 2 * (periods + 1) * corner.window_ns
-    directory.mkdir(parents=True, exist_ok=True)
-    (directory / ".spiceinit").write_text("set ngbehavior=hsa\nset num_threads=1\n")
-    (directory / "models.spice").write_text(_models(corner.process))
-    path = directory / f"energy_{name}.cir"
-    deck = [
-        f"{kind} {corner.name}",
-        ".include models.spice",
-        f".temp {corner.temperature_c:g}",
-        ".options noacct trtol=1 chgtol=1e-16",
-        *(f".subckt cell {' '.join(ports)}", *inside, ".ends"),
-        f"vsupply vdd 0 {corner.voltage_v:g}",
+    body = [
         f"vclk clk 0 pulse(0 {corner.voltage_v:g} {half}n 0.1n 0.1n {half - 0.1:g}n {2 * half}n)",
         f"xcell {' '.join(nets[port] for port in ports)} cell",
         f".tran {half / 500:g}n {end:g}n",
         f".meas tran charge integ i(vsupply) from={2 * half:g}n to={end:g}n",
-        ".end",
     ]
-    path.write_text("\n".join(deck) + "\n")
-    charge = spice_batch.run(path, TIME_LIMIT_S, START).values["charge"]
+    charge = _measured(name, corner, directory / f"energy_{name}.cir", body)["charge"]
     return -charge * corner.voltage_v * 1e15 / (2 * periods)
 
 
@@ -384,8 +380,9 @@ COPIES, ROUNDS, NARROWED = 8, 7, 5
 
 @dataclass(frozen=True)
 class Resolution:
-    """How the flop of a synchronizer leaves the middle: its delay grows by tau x ln(window / distance), where the
-    distance is that of its data edge to the one between 0 and 1.
+    """Metastability of a flop: its delay is longer by tau x ln(window / distance).
+
+    `distance` is the time from its data edge to the one at which it decides for neither 0 nor 1.
     """
 
     tau_ns: float
@@ -408,10 +405,7 @@ def resolution(corner: Corner, directory: Path) -> Resolution:
     SimulatorError if ngspice failed, or the delays are not those of an exponential.
     """
     v_dd, edge, end = corner.voltage_v, 4.0, 4.0 + corner.window_ns
-    ports, inside = subcircuit("dfrtp_1")
-    directory.mkdir(parents=True, exist_ok=True)
-    (directory / ".spiceinit").write_text("set ngbehavior=hsa\nset num_threads=1\n")
-    (directory / "models.spice").write_text(_models(corner.process))
+    ports, _ = subcircuit("dfrtp_1")
     path = directory / "resolution.cir"
 
     def high_ns(times: Sequence[float]) -> list[float]:
@@ -423,16 +417,8 @@ def resolution(corner: Corner, directory: Path) -> Resolution:
             body.append(f"vd{i} d{i} 0 pwl(0 0 {time - rise:.12f}n 0 {time + rise:.12f}n {v_dd:g})")
             body += [f"xcell{i} {' '.join(nets[p] for p in ports)} cell", f"c{i} q{i} 0 5f"]
             body.append(f".meas tran h{i} integ v(q{i}) from={edge}n to={end}n")
-        deck = [
-            f"{PREFIX}dfrtp_1 {corner.name}",
-            ".include models.spice",
-            f".temp {corner.temperature_c:g}",
-            ".options noacct trtol=1 chgtol=1e-17 reltol=1e-4",
-            *(f".subckt cell {' '.join(ports)}", *inside, ".ends"),
-            *(f"vsupply vdd 0 {v_dd:g}", *body, f".tran 5p {end}n", ".end"),
-        ]
-        path.write_text("\n".join(deck) + "\n")
-        values = spice_batch.run(path, TIME_LIMIT_S, START).values
+        body.append(f".tran 5p {end}n")
+        values = _measured("dfrtp_1", corner, path, body, "chgtol=1e-17 reltol=1e-4")
         return [values[f"h{i}"] * 1e9 / v_dd for i in range(len(times))]
 
     low, high = edge - 1.0, edge + 0.5  # taken, not taken

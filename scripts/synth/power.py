@@ -11,7 +11,6 @@ from pathlib import Path
 
 from dermis.errors import SimulatorError
 from scripts import liberty
-from scripts.synth.cells import Technology
 from scripts.synth.map import Netlist
 
 _VARIABLE = re.compile(r"^\$var \w+ (\d+) (\S+) (\S+)")
@@ -53,7 +52,6 @@ def toggles(vcd: Path) -> tuple[dict[str, list[int]], float]:
 
 def power_uw(
     netlist: Netlist,
-    technology: Technology,
     v_dd: float,
     counts: Mapping[str, list[int]],
     time_ns: float,
@@ -65,6 +63,7 @@ def power_uw(
     `inside_fj` is the energy inside of a cell for a change of its clock or gate. Short circuits in gates, leakage
     and the buffers of the clock tree are left out.
     """
+    technology = netlist.technology
     top = next(
         m for m in json.loads(netlist.json.read_text())["modules"].values() if m["attributes"].get("top")
     )

@@ -171,14 +171,13 @@ class Timing:
 
     def skew_ns(self, ports: str, periods: Mapping[str, float]) -> tuple[float, float]:
         """Return the largest difference of one edge between output ports, and that of rise and fall of a port."""
-        edges = []
-        for kind in ("max_rise", "max_fall"):
-            report = f"report_checks -to [get_ports {ports}] -path_delay {kind} -group_count 1000 -format end -digits 4"
-            said = self._run(f"sta_{self.corner}_{kind}", periods, [report], "cut_crossings")
-            edges.append(
-                dict(re.findall(r"^(\S+) \(output\) +\S+ +(\S+)", said.split("setup check")[0], re.M))
-            )
-        rise, fall = ({port: float(delay) for port, delay in found.items()} for found in edges)
+        check = f"report_checks -to [get_ports {ports}] -group_count 1000 -format end -digits 4 -path_delay"
+        reports = [f"{check} max_rise", 'puts "falling"', f"{check} max_fall"]
+        said = self._run(f"sta_{self.corner}_skew", periods, reports, "cut_crossings")
+        rise, fall = (
+            {port: float(delay) for port, delay in re.findall(r"^(\S+) \(output\) +\S+ +(\S+)", part, re.M)}
+            for part in said.split("setup check")[0].split("falling\n", 1)
+        )
         if not rise or rise.keys() != fall.keys():
             raise SimulatorError(f"OpenSTA reported no path to {ports}", self.directory)
         skew = max(max(found.values()) - min(found.values()) for found in (rise, fall))

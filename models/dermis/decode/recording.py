@@ -130,6 +130,12 @@ def _unpacked(path: Path, data: bytes) -> bytes:
     return unpacked
 
 
+def held(frames: Floats) -> Floats:
+    """Return frames [frames, rows, cols] with the value before, if there is one, in place of a missing one."""
+    last = np.where(np.isnan(frames), 0, np.arange(len(frames))[:, None, None])
+    return np.take_along_axis(frames, np.maximum.accumulate(last, axis=0), axis=0)
+
+
 def _gaps(path: Path, frames: Floats, gaps: str) -> Floats:
     """Return frames with the values that are missing in some of them, as `gaps` says."""
     missing = np.isnan(frames)
@@ -141,8 +147,7 @@ def _gaps(path: Path, frames: Floats, gaps: str) -> Floats:
         raise InputError(path, where, "missing", "a number in every frame, or --missing hold, or neither")
     said = "forces there are NaN with an open interval"
     if gaps == "hold":
-        last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(frames))[:, None, None]), axis=0)
-        frames = np.take_along_axis(frames, last, axis=0)
+        frames = held(frames)
         said = f"held from the frame before; {np.isnan(frames).sum()} have none"
     warn(
         path,
@@ -394,9 +399,7 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         raise InputError(path, "time", "not in the file", "--rate in frames a second, or --time-key")
     if time.size != frames:
         lines = found.values.ndim == 2 and time.size == len(found.values)
-        if lines and time.size % frames == 0 and (np.diff(time.reshape(frames, -1), axis=1) == 0).all():
-            time = time[:: time.size // frames]
-        elif lines and time.size % frames == 0:
+        if lines and time.size % frames == 0:
             time = time[:: time.size // frames]
         else:
             raise InputError(path, "time", f"{time.size} times", f"{frames}, one a frame; or --rate")

@@ -215,12 +215,22 @@ def _bare(cells: list[str]) -> list[str]:
     return [cell.strip(" []()") for cell in cells]
 
 
+def _decimal(number: str) -> float:
+    """Return a number with a decimal point or comma."""
+    return float(number.replace(",", "."))
+
+
+def _bounded(path: Path, values: int) -> None:
+    if values > VALUES_MAX:
+        raise InputError(path, "values", values, f"at most {VALUES_MAX}")
+
+
 def _value(cell: str) -> float:
     """Return a number, NaN for an empty cell; ValueError for other text."""
     if cell.lower() in _EMPTY:
         return math.nan
     if _COMMA.fullmatch(cell):
-        return float(cell.replace(",", "."))
+        return _decimal(cell)
     if "_" in cell:  # float() takes 1_000
         raise ValueError
     return float(cell)
@@ -242,7 +252,7 @@ def _stamp(cell: str) -> float:
         cell = f"{year if len(year) == 4 else '20' + year}-{month:0>2}-{day:0>2}{rest}"
         cell = re.sub(r"(:\d\d),(\d+)$", r"\1.\2", cell)
     if clock := _CLOCK.fullmatch(cell.strip()):
-        return int(clock[1]) * 3600 + int(clock[2]) * 60 + float(clock[3].replace(",", "."))
+        return int(clock[1]) * 3600 + int(clock[2]) * 60 + _decimal(clock[3])
     time = datetime.fromisoformat(cell) if re.search(r"\D\d\d:\d\d", cell) else None
     if time is None:
         raise ValueError
@@ -440,9 +450,7 @@ class _Table:
         else:
             order, columns, shape, by_line = self._unnamed(chosen, keys)
         extra = [k for k in (row_key, frame_key) if k is not None]
-        count = len(self.lines) * len(columns)
-        if count > VALUES_MAX:
-            raise self._ask("values", count, f"at most {VALUES_MAX}")
+        _bounded(self.path, len(self.lines) * len(columns))
         table, time, unit = self._parsed([*extra, *(c for c in columns if c is not None)], keys)
         values = np.full((len(self.lines), len(columns)), np.nan)
         values[:, [n for n, c in enumerate(columns) if c is not None]] = table[:, len(extra) :]
@@ -877,7 +885,7 @@ def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
             stamp = re.search(r"(\d+[.,]?\d*)\s*(m?s)(ec\w*)?\b", label[2])
             frames.append({"number": int(label[1]), "time": None, "parts": {}})
             if stamp:
-                frames[-1]["time"] = float(stamp[1].replace(",", ".")) * (1e-3 if stamp[2] == "ms" else 1.0)
+                frames[-1]["time"] = _decimal(stamp[1]) * (1e-3 if stamp[2] == "ms" else 1.0)
             skipping, part = False, ""
         elif match := known.match(line):
             said.setdefault(match[1].lower().replace("columns", "cols"), match[2])
@@ -909,8 +917,7 @@ def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
         raise InputError(
             path, "--rows, --cols", f"{layout.rows}, {layout.cols}", f"{rows} and {cols}, as the file says"
         )
-    if len(frames) * rows * cols > VALUES_MAX:
-        raise InputError(path, "values", len(frames) * rows * cols, f"at most {VALUES_MAX}")
+    _bounded(path, len(frames) * rows * cols)
     parts = list(dict.fromkeys(part for frame in frames for part in frame["parts"]))
     if (layout.part is None and len(parts) != 1) or (layout.part or 1) > len(parts):
         listed = ", ".join(f"{n} {part}" for n, part in enumerate(parts, 1)) or "none"
@@ -937,7 +944,7 @@ def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
         found.time, found.time_from = np.array([frame["time"] for frame in frames]), "stamps of the frames"
         found.time += 86400.0 * np.cumsum(np.diff(found.time, prepend=found.time[0]) < -43200)
     elif step := re.match(r"[\d.,]+", said.get("seconds_per_frame", "")):
-        found.time, found.time_from = found.number * float(step[0].replace(",", ".")), "seconds_per_frame"
+        found.time, found.time_from = found.number * _decimal(step[0]), "seconds_per_frame"
     found.time_unit = "s"
     found.area_mm2 = _area(said)
     unit = re.sub(r"[\s^]", "", said.get("units", "").strip(' ,;"')).lower().replace("²", "2")
@@ -983,8 +990,7 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
         low, (rows, cols) = np.array([1, 1]), (layout.rows or high[0], layout.cols or high[1])
         if (high > (rows, cols)).any():
             raise InputError(path, "--rows, --cols", f"{rows}, {cols}", f"at least {high[0]} and {high[1]}")
-    if len(frames) * rows * cols > VALUES_MAX:
-        raise InputError(path, "values", len(frames) * rows * cols, f"at most {VALUES_MAX}")
+    _bounded(path, len(frames) * rows * cols)
     # A picture shows the part that is pressed.
     values = np.zeros((len(frames), rows, cols))
     for n, (_, frame) in enumerate(frames):
@@ -999,11 +1005,11 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
     if step := re.search(r"Time(?:/| per )picture:?\s*([\d.,]+)\s*(m?s)", head):
         scale = 1e-3 if step[2] == "ms" else 1.0
         found.time, found.time_from = (
-            found.number * float(step[1].replace(",", ".")) * scale,
+            found.number * _decimal(step[1]) * scale,
             "time per picture",
         )
     if size := re.search(r"Sensor size\D*([\d.,]+)\s*(?:mm|cm)?\s*[x*]\s*([\d.,]+)\s*(mm|cm)", head):
-        found.area_mm2 = math.prod(float(side.replace(",", ".")) * _MM[size[3]] for side in size.groups()[:2])
+        found.area_mm2 = math.prod(_decimal(side) * _MM[size[3]] for side in size.groups()[:2])
         # The margins have newtons, so they tell the unit of the values.
         known = [(sum(values), force) for values, force in sums if force > 1]
         unit_n = np.median([force / total for total, force in known]) / found.area_mm2 if known else 0.0
@@ -1022,7 +1028,7 @@ def _area(said: dict[str, str]) -> float | None:
             re.search(r"[a-z]+", said.get(key, "").lower()),
         )
         if number and unit and unit[0] in _MM:
-            found.append((key, float(number[0].replace(",", ".")), _MM[unit[0]]))
+            found.append((key, _decimal(number[0]), _MM[unit[0]]))
     if found and found[-1][0] == "sensel_area":
         return found[-1][1] * found[-1][2] ** 2
     return found[0][1] * found[0][2] * found[1][1] * found[1][2] if len(found) >= 2 else None

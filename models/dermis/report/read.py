@@ -202,14 +202,9 @@ def decode_frames(
 
 def _filled(values: Floats) -> Floats:
     """Return values [frames, rows, cols] in which a missing one is that before it in time, or after it, or 0."""
-    for backwards in (False, True):
-        if not np.isnan(values).any():
-            return values
-        turned = values[::-1] if backwards else values
-        last = np.where(np.isnan(turned), 0, np.arange(len(turned))[:, None, None])
-        turned = np.take_along_axis(turned, np.maximum.accumulate(last, axis=0), axis=0)
-        values = turned[::-1] if backwards else turned
-    return np.nan_to_num(values)
+    if not np.isnan(values).any():
+        return values
+    return np.nan_to_num(recording.held(recording.held(values)[::-1])[::-1])
 
 
 def _decoded(

@@ -58,7 +58,7 @@ def test_power_is_half_of_c_v_squared_a_change_and_what_cells_add(tmp_path: Path
     module = {"attributes": {"top": "1"}, "cells": {"a": flop, "b": flop}, "netnames": nets}
     (tmp_path / "n.json").write_text(json.dumps({"modules": {"dermis_top": module}}))
     netlist = Netlist(SKY130, tmp_path, tmp_path / "n.v", tmp_path / "n.json")
-    found = power.power_uw(netlist, SKY130, 2.0, {"clk_i": [10], "two": [4, 8]}, 100.0, lambda kind, pin: 5.0)
+    found = power.power_uw(netlist, 2.0, {"clk_i": [10], "two": [4, 8]}, 100.0, lambda kind, pin: 5.0)
     pins = {"CLK": 1.7, "D": 1.7}  # fF, about: the Liberty has them
     assert found["cells"] == 2 * 10 * 5.0 / 100
     for name, pin, changes in (("clock", "CLK", 10), ("nets", "D", 4)):
