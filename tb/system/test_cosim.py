@@ -71,8 +71,8 @@ FAULTY_CHIPS = {
     "slot_number": (
         "dermis_packer.v",
         "data = slot_i",
-        "data = slot_i ^ 8'd1",
-        r"slots \(1, 0\) in place of",
+        "data = slot_i + 8'd1",
+        r"slots \(1, 2\) in place of",
     ),
     "x_on_charge": (
         "dermis_safe_outputs.v",

@@ -56,7 +56,7 @@ def test_no_open_cell_starts_no_simulator(resistance_plan: MakePlan, monkeypatch
     ("mask", "said"),
     [
         ("{ROWS{1'b1}}", "does not begin with row 1 driven"),
-        pytest.param("row_mask_i | (row_mask_i << 1)", "does not end 688 clocks", marks=pytest.mark.long),
+        pytest.param("row_mask_i | (row_mask_i << 1)", "does not end 624 clocks", marks=pytest.mark.long),
     ],
 )
 @pytest.mark.paper

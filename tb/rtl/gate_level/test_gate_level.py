@@ -49,10 +49,10 @@ def changed(netlist: Netlist, directory: Path, pattern: str, new: str) -> Netlis
     return dataclasses.replace(netlist, verilog=wrong)
 
 
-# An output register's reset pin tied off, and another that is set by reset.
+# An output register's reset pin tied off, and the same register set by reset.
 PIN_FAULTS = {
-    "unknown_pins": (r"(\.Q\(row_select_o\[0\]\),\s*\.R\()[^)]*\)", r"\g<1>1'h1)"),
-    "unlike_pins": (r"(\.Q\(preset_o\),\s*)\.R\(([^)]*)\),(\s*)\.S\(([^)]*)\)", r"\1.R(\4),\3.S(\2)"),
+    "unknown_pins": (r"(\.Q\(frame_ready_o\),\s*\.R\()[^)]*\)", r"\g<1>1'h1)"),
+    "unlike_pins": (r"(\.Q\(frame_ready_o\),\s*)\.R\(([^)]*)\),(\s*)\.S\(([^)]*)\)", r"\1.R(\4),\3.S(\2)"),
 }
 
 

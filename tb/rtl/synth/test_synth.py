@@ -262,7 +262,7 @@ def test_a_crossing_longer_than_a_period_and_derates_are_seen(
     found = plain.crossings(synth.sdc_periods() | {"clk": 1.0})
     assert found["clk"].slack_ns < 0 < found["sck"].slack_ns
     assert found["sck"].start.startswith("u_frame_buffer.")
-    careful = dataclasses.replace(plain, technology=dataclasses.replace(OSU035, early=0.5, late=2.0))
+    careful = dataclasses.replace(plain, technology=dataclasses.replace(OSU035, early=0.5, late=1.5))
     slack, derated = (one.worst(synth.sdc_periods()) for one in (plain, careful))
     assert all(derated[key].slack_ns < slack[key].slack_ns - 0.1 for key in slack)
 
