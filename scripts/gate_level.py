@@ -44,8 +44,8 @@ SCENARIO = {"seed": 1, "settle": 6, "gate": 16, "frames": 4, "limit": 4000}
 def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> Path:
     """Write one Verilog file with the functional models of some cells; InputError if one is missing.
 
-    Flip-flop outputs have a delay, of 1 ns in sky130 and of 0.52 ns in osu035, as its `specify` says: without one, their
-    new level would race with the gates of the latches that shut at the same edge.
+    Flip-flop outputs have a delay, of 1 ns in sky130 and of 0.52 ns in osu035, as its `specify` says:
+    without one, their new level would race with the gates of the latches that shut at the same edge.
     """
     if technology.name == "osu035":
         text = osu035("osu035_stdcells.v").read_text()

@@ -38,7 +38,8 @@ def test_backward_euler_misses_the_gate(tmp_path: Path) -> None:
 def test_every_method_of_a_circuit_has_a_name_of_its_own(name: str, quick: bool, tmp_path: Path) -> None:
     methods = list(simulator.converter_methods(name, tmp_path, quick))
     assert len(methods) == len({simulator.row_name(method) for method in methods})
-    assert {m.name.split(",")[0].split(":")[0] for m in methods} == {"cosim", "peer"}
+    bound = {"bound"} if name == simulator.NO_POLE else set()
+    assert {m.name.split(",")[0].split(":")[0] for m in methods} == {"cosim", "peer"} | bound
 
 
 @pytest.mark.long
@@ -140,11 +141,14 @@ def test_the_front_holds_what_nothing_beats() -> None:
 
 def test_engines_are_compared_with_the_best_peer() -> None:
     ours = [point(1.0, 1e-3, "cosim, icarus, step"), point(10.0, 1e-9, "cosim, icarus, step")]
-    points = [*ours, point(5.0, 1e-3, "peer: x"), point(40.0, 1e-9, "peer: y")]
+    peers = [point(5.0, 1e-3, "peer: x"), point(40.0, 1e-9, "peer: y")]
+    points = [*ours, *peers, point(0.5, 0.0, simulator.ALONE)]
     rows = {row["name"].removeprefix("accuracy."): row["value"] for row in simulator.ratios(points)}
     assert rows == pytest.approx(
         {
             "speed_at_equal_error.no_pole.best_peer": 4.0,
+            "speed_at_equal_error.no_pole.one_percent": 5.0,
+            "speed_at_equal_error.no_pole.coarsest": 5.0,
             "error_at_equal_time.no_pole.best_peer": 1.0,
             "step_ratio.no_pole": 1e6,
         }

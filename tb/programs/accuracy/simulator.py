@@ -27,7 +27,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dermis import engines
-from dermis.chip import netlist
+from dermis.chip import hdl, netlist
 from dermis.effects import AutoTable
 from dermis.engines import cosim
 from dermis.errors import DermisError, SimulatorError
@@ -49,6 +49,8 @@ from tb.reference import frame as reference
 OUT = BUILD / "accuracy"
 FRAMES = "frames, eight effects"
 NO_POLE, POLE = "converter, no pole", "converter, amplifier pole"
+ALONE = "bound: ngspice alone"
+"""With Verilog and a loop that cost nothing; not a method that one can choose."""
 FILES = {NO_POLE: "converter_ideal", POLE: "converter_pole", FRAMES: "frames_effects"}
 """File of each work, csv and figure."""
 
@@ -153,6 +155,17 @@ def _cosim(simulator: str, step_s: float, options: str, circuit: Circuit, where:
     return done.error_v, done.miscount, done.cpu_per_clock_s
 
 
+def _alone(circuit: Circuit, where: Path) -> Found:
+    """Time ngspice alone on the edges of a run before it; its error is that of the run, not measured here."""
+    where.mkdir(parents=True)
+    job = circuits.LoopJob(circuit.timing, 1, circuits.converter_deck, (circuit,), use_ic=True)
+    build = hdl.build("verilator", "dermis_top", circuit.parameters)
+    _, seconds = circuits.in_simulator(
+        circuits.loop_cpu_s, job, "verilator", build, "dermis_top", where, LIMIT_S
+    )
+    return 0.0, 0.0, seconds / circuit.clocks
+
+
 # The start of a peer's process is subtracted by a second run of a few clocks. Starts differ by
 # milliseconds.
 _FEW, _LEAST_S, _ATTEMPTS = 40, 5e-3, 5
@@ -189,6 +202,8 @@ def converter_methods(work: str, where: Path, quick: bool) -> Iterator[Method]:
             options = tolerances(reltol, method=rule, maxord="2")
             setting = f"{rule}, reltol {reltol:g}"
             yield method(f"cosim, icarus, {rule}, reltol", setting, _cosim, "icarus", 1e-6, options)
+    if work == NO_POLE:
+        yield method(ALONE, "edges of cosim, step 1e-06 s", _alone)
     # XSPICE takes the options with truncation control as well; they make the errors of the peers
     # larger.
     for (words, options), step in itertools.product(
@@ -349,12 +364,22 @@ def ratios(points: Sequence[Point]) -> Iterator[Row]:
     for work, short in ((NO_POLE, "no_pole"), (POLE, "amplifier_pole")):
         own = [p for p in points if p.work == work]
         theirs = pareto([p for p in own if p.method.startswith("peer")])
-        front = pareto([p for p in own if not p.method.startswith("peer")])
+        front = pareto([p for p in own if p.method.startswith("cosim")])
+        alone = [p.seconds for p in own if p.method == ALONE]
         if theirs and front:
+            name = f"accuracy.speed_at_equal_error.{short}"
             speeds = [(p.seconds / t, p) for p in theirs if (t := time_at(front, p.error)) is not None]
             ratio, at = min(speeds, key=lambda pair: pair[0], default=(None, theirs[0]))
             note = f"their time over ours at equal error, the lowest: {at.method}, {at.setting}, {at.error:.2g} V"
-            yield verdict.measured(f"accuracy.speed_at_equal_error.{short}.best_peer", ratio, "1", note)
+            yield verdict.measured(f"{name}.best_peer", ratio, "1", note)
+            if alone:
+                for place, error in (("one_percent", 0.01 * IDEAL.packet_v), ("coarsest", theirs[0].error)):
+                    mine, peer = time_at(front, error), time_at(theirs, error)
+                    ratio = bound = None
+                    if mine is not None and peer is not None:
+                        ratio, bound = peer / mine, peer / alone[0]
+                    note = f"at {error:.2g} V; ngspice alone would give {bound or math.nan:.3g}"
+                    yield verdict.measured(f"{name}.{place}", ratio, "1", note)
             within = [(p, [q.error for q in front if q.seconds <= p.seconds]) for p in theirs]
             gains = [p.error / max(min(errors), 1e-16) for p, errors in within if errors]
             note = "their error over ours at equal time, the lowest over their front"
@@ -375,6 +400,10 @@ def draw(points: Sequence[Point], path: Path) -> None:
     frames = points[0].work == FRAMES
     # Below: one code of 256 off by one is 0.004 LSB; doubles carry 1e-16 V through 400 clocks of 0.1 V.
     floor, lsb = (1e-3, 1.0) if frames else (1e-13, IDEAL.packet_v)
+    for p in points:
+        if p.method == ALONE:
+            axes.axvline(p.seconds, color=GREY, linewidth=0.9, linestyle="--", label=ALONE)
+    points = [p for p in points if p.method != ALONE]
     for i, name in enumerate(dict.fromkeys(p.method for p in points)):
         own = [p for p in points if p.method == name]
         axes.plot(
