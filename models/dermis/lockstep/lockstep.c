@@ -354,37 +354,44 @@ static int fail(const char *what)
     return -1;
 }
 
-/* `start`: a command to ngspice behind the deck, which says how it looks for the operating point. t_edges: how long edges
-   of each source last. */
-int lockstep_open(const char *log_path, const char **deck, int n_lines, const char *start, int n_source, const char **source_names,
-                  const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, const double *t_edges,
-                  double t_max_step, double t_stop, double growth, int recording, int use_ic, int multistep)
+/* What `lockstep_open` takes; ngspice.py has the same fields. `start`: a command to ngspice behind the deck, which says how it
+   looks for the operating point. t_edges: how long edges of each source last. */
+struct circuit {
+    const char *log_path, *start, **deck, **source_names, **probe_names;
+    const double *levels, *t_edges;
+    const int *abrupt;
+    double t_edge, t_max_step, t_stop, growth;
+    int n_lines, n_source, n_probe, recording, use_ic, multistep;
+};
+
+int lockstep_open(const struct circuit *of)
 {
     static bool initialised;
     static int ident;
+    int n_source = of->n_source, n_probe = of->n_probe;
     if (ls.state == RUNNING || ls.state == FAILED)
         return fail("this process has had a circuit that did not come to its end");
     if (n_source > MAX_SOURCES || n_probe > MAX_SOURCES)
         return fail("too many sources or probes");
     if (ls.log)
         fclose(ls.log);
-    ls.log = fopen(log_path, "a");
+    ls.log = fopen(of->log_path, "a");
     if (!ls.log)
         return fail("cannot write the log");
     ls.error[0] = ls.trouble[0] = 0;
     ls.n_source = n_source;
     memset(ls.slot, 0, sizeof ls.slot);
     for (int i = 0; i < n_source; i++) {
-        snprintf(ls.source[i].name, sizeof ls.source[i].name, "%s", source_names[i]);
-        ls.source[i].from = ls.source[i].to = levels[i];
+        snprintf(ls.source[i].name, sizeof ls.source[i].name, "%s", of->source_names[i]);
+        ls.source[i].from = ls.source[i].to = of->levels[i];
         ls.source[i].t = -HUGE_VAL;
         ls.source[i].asked = false;
-        ls.source[i].abrupt = abrupt[i] != 0;
-        ls.source[i].t_edge = t_edges[i];
+        ls.source[i].abrupt = of->abrupt[i] != 0;
+        ls.source[i].t_edge = of->t_edges[i];
     }
     ls.n_probe = n_probe;
     for (int i = 0; i < n_probe; i++) {
-        snprintf(ls.probe_name[i], sizeof ls.probe_name[i], "%s", probe_names[i]);
+        snprintf(ls.probe_name[i], sizeof ls.probe_name[i], "%s", of->probe_names[i]);
         ls.probe_vector[i] = -1;
     }
     for (int i = 0; i < n_probe; i++)
@@ -394,19 +401,19 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
     ls.n_delay = 0;
     memset(ls.late, 0, sizeof ls.late);
     ls.t_target = 0.0;
-    ls.started = use_ic != 0;
+    ls.started = of->use_ic != 0;
     ls.sampled = ls.poisoned = false;
-    ls.multistep = multistep != 0;
-    ls.t_max_step = t_max_step;
-    ls.t_edge = t_edge;
+    ls.multistep = of->multistep != 0;
+    ls.t_max_step = of->t_max_step;
+    ls.t_edge = of->t_edge;
     ls.t_corner = 0.0;
-    ls.growth = growth;
-    ls.t_stop = t_stop;
+    ls.growth = of->growth;
+    ls.t_stop = of->t_stop;
     for (int k = 0; k < 3; k++)
-        ls.remembered[k] = t_max_step;
+        ls.remembered[k] = of->t_max_step;
     ls.kind = AFTER_SAMPLE;
     ls.first_of_kind = ls.met = ls.ramp_begins = false;
-    ls.recording = recording != 0;
+    ls.recording = of->recording != 0;
     ls.record_rows = 0;
     free(ls.record);
     ls.record = NULL;
@@ -427,25 +434,25 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
         ngSpice_Command("unset cshunt_value"); /* where ngspice keeps .options cshunt, over the end of its circuit */
     }
     ls.state = READY;
-    char **lines = calloc((size_t)n_lines + 1, sizeof *lines);
-    for (int i = 0; i < n_lines; i++)
-        lines[i] = strdup(deck[i]);
+    char **lines = calloc((size_t)of->n_lines + 1, sizeof *lines);
+    for (int i = 0; i < of->n_lines; i++)
+        lines[i] = strdup(of->deck[i]);
     ls.loading = true;
     ls.refused = false;
     int rc = ngSpice_Circ(lines);
     ls.loading = false;
-    for (int i = 0; i < n_lines; i++)
+    for (int i = 0; i < of->n_lines; i++)
         free(lines[i]);
     free(lines);
     if (rc || ls.refused || ls.state == FAILED)
         return fail("ngspice refuses the deck");
     char copy[256];
-    snprintf(copy, sizeof copy, "%s", start);
+    snprintf(copy, sizeof copy, "%s", of->start);
     if (ngSpice_Command(copy))
         return fail("ngspice refuses how to start");
     /* a step further: ngspice 39 ends 1e-11 of a step before its last time, 46 earlier */
-    snprintf(ls.command, sizeof ls.command, "tran %.17g %.17g 0 %.17g%s", t_edge, t_stop + t_max_step, t_max_step,
-             use_ic ? " uic" : "");
+    snprintf(ls.command, sizeof ls.command, "tran %.17g %.17g 0 %.17g%s", of->t_edge, of->t_stop + of->t_max_step, of->t_max_step,
+             of->use_ic ? " uic" : "");
     return 0;
 }
 

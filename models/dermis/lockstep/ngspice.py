@@ -109,22 +109,30 @@ def _loaded_ngspice() -> list[Path]:
     return [Path(line.split(maxsplit=5)[5]) for line in mapped if "/libngspice.so" in line][:1]
 
 
+_Texts = ctypes.POINTER(ctypes.c_char_p)
+_Numbers = ctypes.POINTER(ctypes.c_double)
+
+
+class _Circuit(ctypes.Structure):
+    """`struct circuit` of lockstep.c."""
+
+    _fields_ = (
+        *((name, ctypes.c_char_p) for name in ("log_path", "start")),
+        *((name, _Texts) for name in ("deck", "source_names", "probe_names")),
+        *((name, _Numbers) for name in ("levels", "t_edges")),
+        ("abrupt", ctypes.POINTER(ctypes.c_int)),
+        *((name, ctypes.c_double) for name in ("t_edge", "t_max_step", "t_stop", "growth")),
+        *(
+            (name, ctypes.c_int)
+            for name in ("n_lines", "n_source", "n_probe", "recording", "use_ic", "multistep")
+        ),
+    )
+
+
 def _load() -> ctypes.CDLL:
     lib = ctypes.CDLL(str(library()))
     text, number, whole = ctypes.c_char_p, ctypes.c_double, ctypes.c_int
-    texts = ctypes.POINTER(text)
-    lib.lockstep_open.argtypes = [text, texts, whole, text, whole, texts, ctypes.POINTER(number)]
-    lib.lockstep_open.argtypes += [ctypes.POINTER(whole), whole, texts]
-    lib.lockstep_open.argtypes += [
-        number,
-        ctypes.POINTER(number),
-        number,
-        number,
-        number,
-        whole,
-        whole,
-        whole,
-    ]
+    lib.lockstep_open.argtypes = [ctypes.POINTER(_Circuit)]
     lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 4]
     lib.lockstep_late.argtypes = [ctypes.c_void_p]
     lib.lockstep_error.restype = text
@@ -217,26 +225,17 @@ class NgspiceHalf:
 
         def load(extra: Sequence[str], how: ladder.Rung) -> None:
             text = [*lines, *extra, ".end"]
-            if _lib.lockstep_open(
-                str(log).encode(),
-                _texts(text),
-                len(text),
-                how.optran.encode(),
-                len(deck.sources),
-                _texts(deck.sources),
-                (ctypes.c_double * len(deck.levels))(*deck.levels),
-                (ctypes.c_int * len(deck.abrupt))(*deck.abrupt),
-                len(deck.probes),
-                _texts(deck.probes),
-                t_edge_s,
-                (ctypes.c_double * len(edges_s))(*edges_s),
-                step_s,
-                t_stop_s,
-                deck.step_growth,
-                int(record),
-                int(use_ic),
-                int(gear),
-            ):
+            circuit = _Circuit(
+                log_path=str(log).encode(), deck=_texts(text), n_lines=len(text), start=how.optran.encode(),
+                source_names=_texts(deck.sources), n_source=len(deck.sources),
+                levels=(ctypes.c_double * len(deck.levels))(*deck.levels),
+                abrupt=(ctypes.c_int * len(deck.abrupt))(*deck.abrupt),
+                t_edges=(ctypes.c_double * len(edges_s))(*edges_s), t_edge=t_edge_s,
+                probe_names=_texts(deck.probes), n_probe=len(deck.probes),
+                t_max_step=step_s, t_stop=t_stop_s, growth=deck.step_growth,
+                recording=record, use_ic=use_ic, multistep=gear,
+            )  # fmt: skip
+            if _lib.lockstep_open(circuit):
                 self._raise()
 
         nodesets: list[str] = []
