@@ -21,6 +21,7 @@ from dermis.chip import spi_protocol as spi
 CONTINUOUS, SHOT, TEST = rm.CONTROL_CONTINUOUS_MASK, rm.CONTROL_SHOT_MASK, rm.CONTROL_TEST_MASK
 DARK, PER_COLUMN = rm.CONTROL_DARK_MASK, rm.CONTROL_RANGE_PER_COLUMN_MASK
 READY, FAULT, TEST_DONE = rm.STATUS_FRAME_READY_MASK, rm.STATUS_FAULT_MASK, rm.STATUS_TEST_DONE_MASK
+TEST_CUT = rm.STATUS_TEST_CUT_MASK
 
 
 def pedestal_mode(mode: int) -> int:
@@ -550,9 +551,19 @@ async def wiring(dut: Any) -> None:
     assert len(data) > 512
     same(data, chip.expected(spi.parse_frame(data).number, gate))
 
-    # The header has the gate that its frame began with; overflow has a bit for each column.
+    # Slots that are shorter than the packing of a row wait for it.
     await write(rm.CONTROL, 0)
     await chip.clocks(2 * rows * (gate + settle))
+    await write(rm.SETTLE, 0)
+    await write(rm.GATE, 2)
+    if int(dut.frame_ready_o.value):
+        await host.run(spi.read_frame_bytes())
+    await begin(SHOT)
+    await wait_ready(chip, 4 * rows * cols)
+    same(await host.run(spi.read_frame_bytes()), chip.expected(chip.frame, 2))
+    await write(rm.SETTLE, settle)
+
+    # The header has the gate that its frame began with; overflow has a bit for each column.
     mask, long = 1 << rows - 1 | 1, 2 ** (chip.code_bits + 1) + 50
     for n in range((rows + 15) // 16):
         await write(rm.ROW_MASK + n, mask >> 16 * n & 0xFFFF)
@@ -596,6 +607,19 @@ async def wiring(dut: Any) -> None:
     await host.run(spi.read_frame_bytes())
     await wait_ready(chip, 8 * (200 + settle) + 500)
     assert await status() & TEST_DONE
+    slots, slot = len(spi.parse_frame(await host.run(spi.read_frame_bytes())).slots), 200 + settle
+
+    # It is done at its end and not before, also if enable falls while its last row is packed; before that it is cut.
+    for clocks, before, after in ((1.5 * slot, 0, TEST_CUT), (slots * slot + 8, None, TEST_DONE)):
+        await begin(TEST)
+        await chip.clocks(clocks)
+        if before is not None:
+            assert await status() & (TEST_DONE | TEST_CUT) == before
+        dut.enable_i.value = 0
+        await chip.clocks(20 * cols)
+        assert await status() & (TEST_DONE | TEST_CUT) == after
+        dut.enable_i.value = 1
+        await chip.clocks(20)
     report("done")
 
 
