@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read a recording of any tactile array: text, npy, npz, mat or HDF5, with time, units and missing taxels."""
+"""Read a recording of any tactile array, from a text to a ROS 2 bag, with time, units and missing taxels."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis.decode import recording_bag, recording_parquet
 from dermis.decode import recording_text as text
 from dermis.decode.recording_text import Found, Layout, warn
 from dermis.errors import InputError, optional
@@ -30,6 +31,7 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 GAPS = ("keep", "refuse", "hold")
 """Values that are missing in some frames: kept as NaN, refused, or that of the frame before."""
 AXES = ("frames", "rows", "cols", "taxels")
+BINARY = (".npy", ".npz", ".h5", ".hdf5", ".mat")
 # Half a frame: beyond it the nearest whole number of frames is another.
 _TIME_SPREAD = 0.5
 """Part of the median by which a step of time may differ before frames count as lost."""
@@ -38,6 +40,8 @@ _MEMBERS = 64
 """Arrays of an npz file that are looked through; of more the name must be given."""
 # Between 0.1 and 1 a step without a unit may be seconds of a slow logger, or milliseconds of a fast one.
 _SECONDS_SURE = 0.1
+_STAMPS = (("ns", 1e18, 1e9), ("us", 1e15, 1e6), ("ms", 1e12, 1e3), ("s", 1e9, 1e2))
+"""Units of stamps since 1970, from 2001 to 2033, and the largest step: a clock since power-on has such numbers too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +95,17 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
         answers it.
     """
     path = Path(path)
-    data = read_bytes(path, FILE_BYTES_MAX, ("command line", option, str(path)))
+    bag = path.suffix in recording_bag.SUFFIXES or (path / "metadata.yaml").is_file()
+    data = b"" if bag else read_bytes(path, FILE_BYTES_MAX, ("command line", option, str(path)))
     name = path
     if data.startswith(b"\x1f\x8b"):
         data, name = _unpacked(path, data), path.with_suffix("") if path.suffix.lower() == ".gz" else path
     suffix = name.suffix.lower()
-    if suffix in (".npy", ".npz", ".h5", ".hdf5", ".mat"):
+    if bag:
+        found = _parsed(path, lambda: recording_bag.read(path, layout))
+    elif data.startswith(b"PAR1"):
+        found = _parsed(path, lambda: recording_parquet.Columns(path, data, layout).found())
+    elif suffix in BINARY:
         found = _binary(path, data, suffix, layout)
     else:
         found = text.read(path, data, layout)
@@ -178,9 +187,8 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
             raise InputError(path, "file", str(error), "a readable HDF5 file") from None
     if np.asarray(values).dtype.kind not in "biuf":
         raise InputError(path, "--key", str(np.asarray(values).dtype), "an array of real numbers")
-    found = Found(
-        np.asarray(values, dtype=float), None if time is None else np.asarray(time, dtype=float).ravel()
-    )
+    time = None if time is None else np.asarray(time, dtype=float).ravel()
+    found = Found(np.asarray(values, dtype=float), time, binary=True)
     found.time_unit, found.time_from = text.time_unit_of(name) if name else None, name or "the file"
     return found
 
@@ -291,7 +299,7 @@ def _by_axes(path: Path, values: Floats, axes: tuple[str | int, ...]) -> Floats:
 def _frames_first(path: Path, values: Floats, found: Found, layout: Layout) -> Floats:
     """Return an array with its frames on the first axis, where it is known which axis that is."""
     shape, size = values.shape, (layout.rows, layout.cols)
-    taxels = layout.rows * layout.cols if layout.rows and layout.cols else None
+    taxels = layout.size
     ask = InputError(
         path, "shape", list(shape), "--axes as in frames,rows,cols or taxels,frames or frames,0,rows,cols"
     )
@@ -326,13 +334,7 @@ def _frames_first(path: Path, values: Floats, found: Found, layout: Layout) -> F
         return frames
     if values.ndim != 2:
         raise ask
-    if found.order.startswith("by names") or Path(path).suffix.lower() not in (
-        ".npy",
-        ".npz",
-        ".mat",
-        ".h5",
-        ".hdf5",
-    ):
+    if found.by_line or not found.binary:
         return values
     if timed:
         return values.T if last else values
@@ -432,8 +434,9 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         )
     unit, median = layout.time_unit or found.time_unit, float(np.median(step[step > 0]))
     if unit is None:
-        # ROS stamps are nanoseconds of this century.
-        unit = "ns" if time[0] > 1e17 else "s" if median < _SECONDS_SURE else None
+        first = time[0] + found.start
+        unit = next((u for u, least, most in _STAMPS if least < first < 2 * least and median < most), None)
+        unit = "s" if unit is None and median < _SECONDS_SURE else unit
     if unit is None:
         raise InputError(path, "time", f"steps of {median:g}", "--time-unit " + ", ".join(TIME_UNITS))
     lost = np.abs(step / median - 1) > _TIME_SPREAD

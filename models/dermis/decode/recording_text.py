@@ -10,7 +10,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -27,7 +27,7 @@ _TIME = re.compile(
     re.IGNORECASE,
 )
 _TIME_UNIT = re.compile(
-    r"(?:.*[^a-z])?(?:(n)(?:s|secs?|anos?|anosecs?|anoseconds?)|([uµ])(?:s|secs?)|(micro)s?(?:ec|econd)?s?|"
+    r"(?:.*[^a-zµμ])?(?:(n)(?:s|secs?|anos?|anosecs?|anoseconds?)|([uµμ])(?:s|secs?)|(micro)s?(?:ec|econd)?s?|"
     r"(m)(?:s|secs?|illis?|illisecs?|illiseconds?)|(s)(?:ecs?|econds?)?)[\])]?"
 )
 _OTHER = re.compile(
@@ -37,9 +37,12 @@ _OTHER = re.compile(
 )
 """Beginnings of names that are known to be no taxel: other columns that are left out are warned of."""
 _ROW, _COL = ("r", "row", "y"), ("c", "col", "column", "x")
-_EMPTY = {"", "-", "--", "null", "none", "nan", "na", "n/a", "#n/a", "nil", "missing"}
+_EMPTY = {"", "-", "--", "null", "none", "nan", "na", "n/a", "#n/a", "nil", "missing", "b"}
+"""Cells without a value; Tekscan writes B where there is no sensel."""
 _LABEL = re.compile(r"[\W_]*frame\b[\W_]*(\d{1,9})(.*)", re.IGNORECASE)
 _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_STAMP = re.compile(r"(\d+[.,]?\d*)\s*(m?s)(ec\w*)?\b")
+"""Seconds or milliseconds in the label of a frame."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
 # Forces of 1 N have two digits behind the point.
 _MARGIN = 0.02
@@ -47,7 +50,7 @@ _NUMBERS_SURE = 16
 """A first line 0, 1, 2, ... of fewer values may be a frame, and is asked for."""
 
 KPA = {
-    "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mbar": 0.1, "bar": 100.0, "mpa": 1e3, "psi": 6.894757, "mmhg": 0.1333224,
+    "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mbar": 0.1, "bar": 100.0, "mpa": 1e3, "psi": 6.894757293, "mmhg": 0.1333223874,
     "n/cm2": 10.0, "n/mm2": 1e3, "kg/cm2": 98.0665, "kgf/cm2": 98.0665, "g/cm2": 0.0980665,
 }  # fmt: skip
 """kPa of a unit of pressure."""
@@ -78,7 +81,7 @@ class Layout:
     ----------
     rows, cols : int or None
     key : str or None
-        Array of an npz, mat or HDF5 file.
+        Array of an npz, mat or HDF5 file; topic, or topic.field, of a bag.
     time_key : str or None
         Array of the times in such a file, or the name or number of the column of a text.
     skip : int or None
@@ -115,6 +118,11 @@ class Layout:
     part: int | None = None
     header: bool | None = None
 
+    @property
+    def size(self) -> int | None:
+        """Taxels of the array, if rows and columns are given."""
+        return self.rows * self.cols if self.rows and self.cols else None
+
 
 @dataclass(eq=False)
 class Found:
@@ -126,10 +134,14 @@ class Found:
         [lines, taxels], [frames, rows, cols], or the axes of a binary file; NaN where a value is missing.
     time : ndarray or None
         [frames] or [lines], in `time_unit` if that is known.
+    start : float
+        Added to `time` to give stamps since 1970, where that would lose digits.
     number : ndarray or None
         Numbers of the frames, where the file has them.
     by_line : bool
-        A line is a frame.
+        A line, or a part of the first axis, is a frame.
+    binary : bool
+        An array whose axes may be in any order.
     shape : (rows, cols) or None
     unit : str or None
         Of `recording.UNITS`.
@@ -139,13 +151,22 @@ class Found:
     time: Floats | None = None
     time_unit: str | None = None
     time_from: str = "the file"
+    start: float = 0.0
     number: Floats | None = None
     by_line: bool = False
+    binary: bool = False
     shape: tuple[int, int] | None = None
     unit: str | None = None
     area_mm2: float | None = None
     order: str = "row by row, as in the file"
     ignored: list[str] = field(default_factory=list)
+
+    def scale(self, unit: str) -> None:
+        """Turn values in a unit of pressure or force into kPa or N; any other unit leaves them as they are."""
+        unit = re.sub(r'[\s^,;"]', "", unit).lower().replace("²", "2")
+        for name, known in (("kpa", KPA), ("newtons", NEWTONS)):
+            if unit in known:
+                self.values, self.unit = self.values * known[unit], name
 
 
 def warn(path: Path, text: str) -> None:
@@ -188,7 +209,7 @@ def read(path: Path, data: bytes, layout: Layout) -> Found:
         return _maker(path, lines, layout)
     if any(_PICTURE.match(line) for line in lines):
         return _emed(path, lines, layout)
-    return _Table(path, lines, layout).found()
+    return Table(path, lines, layout).found()
 
 
 # ---- cells
@@ -225,7 +246,7 @@ def _bounded(path: Path, values: int) -> None:
         raise InputError(path, "values", values, f"at most {VALUES_MAX}")
 
 
-def _value(cell: str) -> float:
+def number_of(cell: str) -> float:
     """Return a number, NaN for an empty cell; ValueError for other text."""
     if cell.lower() in _EMPTY:
         return math.nan
@@ -236,7 +257,7 @@ def _value(cell: str) -> float:
     return float(cell)
 
 
-def _is(cell: str, read=_value) -> bool:
+def _is(cell: str, read=number_of) -> bool:
     try:
         read(cell)
     except ValueError:
@@ -277,42 +298,37 @@ def is_time(name: str) -> bool:
 # ---- tables
 
 
-class _Table:
+class Table:
     """A table with a frame, or a row of one, in each line."""
 
     def __init__(self, path: Path, lines: list[str], layout: Layout) -> None:
         self.path, self.layout = path, layout
         filled = [(n, line) for n, line in enumerate(lines, 1) if line.strip(" \t,;")]
-        if not filled:
-            raise InputError(path, "lines", 0, "at least one line of numbers")
-        self.mark = _mark_of(filled[-1][1])
-        start = next((k for k, (_, line) in enumerate(filled) if self._starts(line)), None)
-        if start is None:
-            raise InputError(path, "lines", "a header only", "at least one line of numbers")
-        self.head = [line for _, line in filled[:start]]
-        self.lines = filled[start:]
+        self.mark = _mark_of(filled[-1][1]) if filled else None
+        start = next((k for k, (_, line) in enumerate(filled) if self._starts(line)), len(filled))
+        self.head, self.lines = [line for _, line in filled[:start]], filled[start:]
         self.block, self.label = self._blocks(lines)
         if not self.lines:
-            raise InputError(path, "lines", "a header only", "at least one line of numbers")
+            raise self._ask("lines", "a header only" if filled else 0, "at least one line of numbers")
         # Every line ends with a mark that separates nothing.
-        self.trailing = bool(self.mark) and all(
-            line.rstrip(" ").endswith(self.mark or "") for _, line in self.lines
-        )
+        ends = (line.rstrip(" ").endswith(self.mark or "") for _, line in self.lines)
+        self.trailing = self.mark is not None and all(ends)
         self.names = self._names()
-        self.width = len(self._cells(self.lines[0][1]))
+        self.width, self.count = len(self._cells(self.lines[0][1])), len(self.lines)
         if self.names and len(self.names) != self.width:
-            raise self._ask(
-                "header", f"{len(self.names)} names", f"{self.width}, as many as a line has values"
-            )
-        sample = [self._cells(line) for _, line in (*self.lines[:20], self.lines[-1])]
-        self.sample = [row for row in sample if len(row) == self.width]
-        if len(self.sample) < len(sample):
-            n = next(n for n, row in enumerate(sample) if len(row) != self.width)
-            number = self.lines[n if n < 20 and n < len(self.lines) else -1][0]
-            raise self._ask(
-                f"line {number}", f"{len(sample[n])} values", f"{self.width} values, as the first line"
-            )
-        self.words = [k for k in range(self.width) if not any(_is(row[k]) for row in self.sample)]
+            allowed = f"{self.width}, as many as a line has values"
+            raise self._ask("header", f"{len(self.names)} names", allowed)
+        chosen = (*self.lines[:20], self.lines[-1])
+        self.sample = [self._cells(line) for _, line in chosen]
+        for (number, _), row in zip(chosen, self.sample, strict=True):
+            if len(row) != self.width:
+                allowed = f"{self.width} values, as the first line"
+                raise self._ask(f"line {number}", f"{len(row)} values", allowed)
+
+    @property
+    def words(self) -> list[int]:
+        """Columns without a number."""
+        return [k for k in range(self.width) if not any(_is(row[k]) for row in self.sample)]
 
     def _ask(self, key: str, value: object, allowed: str) -> InputError:
         return InputError(self.path, key, value, allowed)
@@ -330,12 +346,14 @@ class _Table:
         cells = _bare(cells_of(line, self.mark))
         return cells[:-1] if self.trailing and len(cells) > 1 and cells[-1] == "" else cells
 
-    def _blocks(self, lines: list[str]) -> tuple[NDArray, dict[int, int]]:
-        """Return the number of the block of every line, and labels of blocks; drop lines that only part blocks."""
+    def _blocks(self, lines: list[str]) -> tuple[NDArray, dict[int, tuple[int, float]]]:
+        """Return the block of every line, and number and time (or NaN) of labels; drop lines that only part blocks."""
         kept, block, labels, number = [], [], {}, 0
         known = dict(self.lines)
-        for n in range(self.lines[0][0], len(lines) + 1):
-            line, label = lines[n - 1], _LABEL.match(lines[n - 1])
+        first = min(known, default=len(lines) + 1)
+        early = [line for line in self.head if _LABEL.match(line)][-1:] if known else []
+        for n, line in [(0, line) for line in early] + list(enumerate(lines[first - 1 :], first)):
+            label = _LABEL.match(line)
             words = line.split(None, 1)[:1] if block and n in known and line.lstrip()[:1].isalpha() else []
             if words and is_time(words[0]) and not self._starts(line) and line not in self.head:
                 warn(self.path, f"another table begins at line {n}, and is left out: {one_line(line, 40)}")
@@ -348,11 +366,11 @@ class _Table:
                 continue
             number += bool(block) and block[-1] == number
             if label:
-                labels[number] = int(label[1])
-        if self.head and block and (label := next((m for h in self.head if (m := _LABEL.match(h))), None)):
-            labels[0] = int(label[1])
+                stamp = _STAMP.search(label[2])
+                scale = 1e-3 if stamp and stamp[2] == "ms" else 1.0
+                labels[number] = int(label[1]), _decimal(stamp[1]) * scale if stamp else math.nan
         self.lines = kept
-        return np.array(block), labels
+        return np.array(block, int), labels
 
     def _names(self) -> list[str]:
         """Return the names of the columns, or none."""
@@ -419,7 +437,7 @@ class _Table:
         if self.layout.header:
             return True
         try:
-            steps = {_value(b) - _value(a) for a, b in zip(cells, below, strict=False)}
+            steps = {number_of(b) - number_of(a) for a, b in zip(cells, below, strict=False)}
         except ValueError:
             steps = set()
         if steps == {0.0} and len(cells) < _NUMBERS_SURE:
@@ -450,9 +468,9 @@ class _Table:
         else:
             order, columns, shape, by_line = self._unnamed(chosen, keys)
         extra = [k for k in (row_key, frame_key) if k is not None]
-        _bounded(self.path, len(self.lines) * len(columns))
-        table, time, unit = self._parsed([*extra, *(c for c in columns if c is not None)], keys)
-        values = np.full((len(self.lines), len(columns)), np.nan)
+        _bounded(self.path, self.count * len(columns))
+        table, moments = self._parsed([*extra, *(c for c in columns if c is not None)], keys)
+        values = np.full((self.count, len(columns)), np.nan)
         values[:, [n for n, c in enumerate(columns) if c is not None]] = table[:, len(extra) :]
         said = [self.names[k] or f"column {k}" if self.names else f"column {k}" for k in range(self.width)]
         out = [k for k in range(self.width) if k not in columns and k not in keys and k not in extra]
@@ -471,18 +489,16 @@ class _Table:
             )
         if strange and chosen is None and not layout.part:
             warn(self.path, f"columns that are taken for no taxels: {one_line(', '.join(strange[:8]), 200)}")
-        found = Found(
-            values, time, unit, by_line=by_line, shape=shape, order=order, ignored=[said[k] for k in out]
-        )
-        found.time_from = " and ".join(said[k] for k in keys) or "the file"
-        stated = next(
-            (m for h in self.head if (m := re.search(r"pressure values in\s+(\S+)", h, re.IGNORECASE))), None
-        )
-        if stated is not None and stated[1].lower() in KPA:
-            found.values, found.unit = values * KPA[stated[1].lower()], "kpa"
-        self._counters(table[:, 1] if row_key is not None and frame_key is not None else None, out)
+        found = Found(values, by_line=by_line, shape=shape, order=order, ignored=[said[k] for k in out])
+        if keys:
+            found.time_from = " and ".join(said[k] for k in keys)
+            self._timed(found, moments, keys)
+        stated = re.search(r"pressure values in\s+(\S+)", "\n".join(self.head), re.IGNORECASE)
+        if stated is not None:
+            found.scale(stated[1])
+        self._counters(out)
         if row_key is not None:
-            return self._rows(found, table[:, 0], table[:, 1] if frame_key is not None else time)
+            return self._rows(found, table[:, 0], table[:, 1] if frame_key is not None else found.time)
         return self._framed(found)
 
     def _chosen(self) -> list[int] | None:
@@ -533,7 +549,7 @@ class _Table:
         for k, column in enumerate(columns):
             if chosen is not None and k in chosen:
                 continue
-            if not all(_is(c) and _value(c) > 1e9 for c in column):
+            if not all(_is(c) and number_of(c) > 1e9 for c in column):
                 continue
             after = columns[k + 1] if k + 1 < len(columns) and whole[k + 1] else []
             if (
@@ -563,7 +579,7 @@ class _Table:
                 raise self._ask(
                     "header", f"the name {self.names[columns[0]]} twice", "--taxels FIRST..LAST by number"
                 )
-        size = layout.rows * layout.cols if layout.rows and layout.cols else None
+        size = layout.size
         large = max(map(len, groups.values()), default=0)
         parts = [g for g in groups if 2 * len(groups[g]) >= large > 1 or len(groups[g]) == size]
         fitting = [g for g in parts if len(groups[g]) == size]
@@ -634,7 +650,7 @@ class _Table:
     def _flat(self, columns: list[int], numbers: NDArray, word: str):
         """Return the layout of names with one number."""
         low, count = int(numbers.min()), len(columns)
-        size = self.layout.rows * self.layout.cols if self.layout.rows and self.layout.cols else None
+        size = self.layout.size
         if low > 1 or sorted(numbers.tolist()) != list(range(low, low + count)):
             if (
                 size is not None
@@ -686,9 +702,9 @@ class _Table:
             raise self._ask("columns", f"{len(left)} without names", allowed)
         return "row by row, as in the file", left, None, bool(keys)
 
-    def _parsed(self, columns: Sequence[int], keys: list[int]) -> tuple[Floats, Floats | None, str | None]:
-        """Return the values of columns, the times and their unit."""
-        table = np.empty((len(self.lines), len(columns)))
+    def _parsed(self, columns: Sequence[int], keys: list[int]) -> tuple[Floats, list[list[str]]]:
+        """Return the values of columns, and the cells of the times, by line."""
+        table = np.empty((self.count, len(columns)))
         moments: list[list[str]] = []
         comma = point = False
         for i, (number, line) in enumerate(self.lines):
@@ -696,83 +712,74 @@ class _Table:
             cells = line.split(self.mark) if plain else self._cells(line)
             if len(cells) - (plain and self.trailing) != self.width:
                 raise self._ask(f"line {number}", f"{len(cells)} values", f"{self.width}, as the first line")
-            wanted = [cells[k] for k in columns]
             try:
                 if "_" in line:
                     raise ValueError
-                table[i] = [float(cell) for cell in wanted]
+                table[i] = [float(cells[k]) for k in columns]
             except ValueError:
                 cells = self._cells(line)
-                wanted = [cells[k] for k in columns]
-                for n, cell in enumerate(wanted):
-                    try:
-                        table[i, n] = _value(cell)
-                    except ValueError:
-                        allowed = "a number; --skip or --taxels leave out columns"
-                        raise self._ask(
-                            f"line {number}, value {columns[n] + 1}", quoted(cell), allowed
-                        ) from None
-                comma = comma or any("," in cell for cell in wanted)
+                table[i] = self._numbers([cells[k] for k in columns], columns, f"line {number}")
+                comma = comma or any("," in cells[k] for k in columns)
             if comma or i == 0:
-                point = point or any("." in cell for cell in wanted)
+                point = point or any("." in cells[k] for k in columns)
             if keys:
                 moments.append(_bare([cells[k].strip() for k in keys]))
         if comma and (point or any("." in self._cells(line)[k] for _, line in self.lines for k in columns)):
             raise self._ask("numbers", "decimal commas and points", "one of them")
-        return (table, *self._moments(moments, keys)) if keys else (table, None, None)
+        return table, moments
 
-    def _moments(self, moments: list[list[str]], keys: list[int]) -> tuple[Floats, str | None]:
-        """Return times from the first one and their unit, which may be unknown."""
+    def _numbers(self, cells: Sequence[str], columns: Sequence[int], where: str) -> list[float]:
+        found = []
+        for k, cell in zip(columns, cells, strict=True):
+            try:
+                found.append(number_of(cell))
+            except ValueError:
+                allowed = "a number; --skip or --taxels leave out columns"
+                raise self._ask(f"{where}, value {k + 1}", quoted(cell), allowed) from None
+        return found
+
+    def _timed(self, found: Found, moments: list[list[str]], keys: list[int]) -> None:
+        """Add the times of the cells in `keys`, and their unit if it is known."""
         cells = [row[0] for row in moments]
         whole = all(re.fullmatch(r"-?\d{1,19}", c) for row in moments for c in row)
         if len(keys) == 2:
             if not whole:
                 raise self._ask("time", " ".join(moments[0]), "whole seconds and nanoseconds, or --time-key")
             ns = [int(s) * 10**9 + int(n) for s, n in moments]
-            return np.array([t - ns[0] for t in ns], dtype=float) * 1e-9, "s"
-        if not _is(next((c for c in cells if c), "")):
-            if bad := next((c for c in cells if c.lower() not in _EMPTY and not _is(c, _stamp)), None):
-                raise self._ask("time", quoted(bad), "a date and time, a clock, or a number")
-            time = np.array([math.nan if c.lower() in _EMPTY else _stamp(c) for c in cells])
-            # A clock starts again at midnight.
-            return time + 86400.0 * np.cumsum(np.diff(time, prepend=time[0]) < -43200), "s"
-        if bad := next((c for c in cells if not _is(c)), None):
-            raise self._ask("time", quoted(bad), "a number")
-        first = _value(next(c for c in cells if c.lower() not in _EMPTY))
-        # Differences of whole stamps are exact; a double holds nanoseconds since 1970 to 256 ns.
-        time = (
-            np.array([int(c) - int(cells[0]) for c in cells], dtype=float) + (0.0 if first > 1e9 else first)
-            if whole and first > 2**52
-            else np.array([_value(c) for c in cells])
-        )
-        unit = time_unit_of(self.names[keys[0]]) if self.names else None
-        if unit is None and self.layout.time_unit is None:
-            # Stamps since 1970, from 2001 on.
-            unit = next(
-                (
-                    u
-                    for u, least in (("ns", 1e18), ("us", 1e15), ("ms", 1e12), ("s", 1e9))
-                    if 2 * least > first > least
-                ),
-                None,
-            )
-        return time, unit
+            found.time, found.time_unit = np.array([t - ns[0] for t in ns], dtype=float) * 1e-9, "s"
+            return
+        filled = [c for c in cells if c.lower() not in _EMPTY]
+        read = number_of if not filled or _is(filled[0]) else _stamp
+        if bad := next((c for c in filled if not _is(c, read)), None):
+            raise self._ask("time", quoted(bad), "a date and time, a clock, or a number, in every line")
+        if whole and abs(int(cells[0])) > 2**52:
+            # Differences of whole stamps are exact; a double holds nanoseconds since 1970 to 256 ns.
+            found.start = float(cells[0])
+            found.time = np.array([int(c) - int(cells[0]) for c in cells], dtype=float)
+        else:
+            found.time = np.array([math.nan if c.lower() in _EMPTY else read(c) for c in cells])
+        if read is _stamp:
+            found.time, found.time_unit = past_midnight(found.time), "s"
+        elif self.names:
+            found.time_unit = time_unit_of(self.names[keys[0]])
 
-    def _counters(self, frame: Floats | None, out: list[int]) -> None:
+    def _counters(self, out: list[int]) -> None:
         """Warn of lost numbers in a counter of frames."""
         for k in out:
             name = self.names[k].lower() if self.names else ""
             if re.fullmatch(
                 r"(.*[._ /])?(seq|frame|frame_?(no|nr|number|id)|counter|sample|index|idx)", name
             ):
-                column = [row[k] for _, line in self.lines if len(row := self._cells(line)) > k]
-                if all(re.fullmatch(r"\d+", c) for c in column):
-                    steps = np.diff([int(c) for c in column])
-                    if steps.size and (steps > 1).any() and (steps == 1).any():
-                        warn(
-                            self.path,
-                            f"{self.names[k]} leaves out {int((steps[steps > 1] - 1).sum())} numbers: frames lost?",
-                        )
+                column = self._column(k)
+                steps = (
+                    np.diff([int(c) for c in column]) if all(re.fullmatch(r"\d+", c) for c in column) else []
+                )
+                if len(steps) and (steps > 1).any() and (steps == 1).any():
+                    lost = int((steps[steps > 1] - 1).sum())
+                    warn(self.path, f"{self.names[k]} leaves out {lost} numbers: frames lost?")
+
+    def _column(self, k: int) -> list[str]:
+        return [row[k] for _, line in self.lines if len(row := self._cells(line)) > k]
 
     # ---- frames of several lines
 
@@ -814,36 +821,38 @@ class _Table:
         layout, (lines, width) = self.layout, found.values.shape
         heights = np.bincount(self.block)
         height, blocks = Counter(heights.tolist()).most_common(1)[0]
-        size = layout.rows * layout.cols if layout.rows and layout.cols else None
-        if found.shape or found.by_line or width == size or len(heights) == 1 or height == 1:
-            found.by_line = found.by_line or width == size or (len(heights) > 1 and height == 1)
+        if found.shape or found.by_line or width == layout.size or len(heights) == 1 or height == 1:
+            found.by_line = found.by_line or width == layout.size or (len(heights) > 1 and height == 1)
             if not found.by_line and layout.rows and layout.cols == width and lines > layout.rows:
                 warn(self.path, "nothing parts the frames: a lost line would shift all later ones")
             return found
         if layout.rows and layout.cols == width and layout.rows in heights:
             height, blocks = layout.rows, len(heights)
+        said = f"{height} lines of {width} values"
         if (layout.rows or height, layout.cols or width) != (height, width) or 2 * blocks <= len(heights):
-            said = f"{height} lines of {width} values"
             raise self._ask("blocks", said, "frames of --rows and --cols, with as many lines")
         if square(width) and width != height and not layout.rows and width >= 36:
-            raise self._ask("blocks", f"{height} lines of {width} values", "--rows and --cols of a frame")
-        found.values, found.shape = _stacked(self.path, found.values, self.block, height), (height, width)
+            raise self._ask("blocks", said, "--rows and --cols of a frame")
+        whole = heights == height
+        for n in np.flatnonzero(~whole):
+            name = self.label[n][0] if n in self.label else n
+            warn(self.path, f"frame {name} has {heights[n]} of {height} lines: missing as a whole")
+        values = np.full((len(heights), height, width), np.nan)
+        values[whole] = found.values[whole[self.block]].reshape(-1, height, width)
+        found.values, found.shape = values, (height, width)
         if found.time is not None:
             found.time = found.time[np.searchsorted(self.block, np.arange(len(heights)))]
         if len(self.label) == len(heights):
-            found.number = np.array([self.label[n] for n in range(len(heights))], dtype=float)
+            found.number, time = np.array([self.label[n] for n in range(len(heights))], dtype=float).T
+            if found.time is None and np.isfinite(time).all():
+                found.time, found.time_unit = past_midnight(time), "s"
+                found.time_from = "stamps of the frames"
         return found
 
 
-def _stacked(path: Path, values: Floats, block: NDArray, height: int) -> Floats:
-    frames = np.full((block[-1] + 1, height, values.shape[1]), np.nan)
-    for n in range(len(frames)):
-        part = values[block == n]
-        if len(part) == height:
-            frames[n] = part
-        else:
-            warn(path, f"frame {n} has {len(part)} of {height} lines: missing as a whole")
-    return frames
+def past_midnight(time: Floats) -> Floats:
+    """Return times in seconds of a clock that starts again at midnight."""
+    return time + 86400.0 * np.cumsum(np.diff(time, prepend=time[0]) < -43200)
 
 
 def square(count: int) -> bool:
@@ -869,89 +878,52 @@ def _mark_of(line: str) -> str | None:
 
 
 def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
-    """Read an export of Tekscan or XSENSOR: a header of keys, then `Frame n` and the rows of each."""
+    """Read an export of Tekscan or XSENSOR: a header of keys, and a table parted by `Frame n`."""
     said: dict[str, str] = {}
-    frames: list[dict] = []
-    skipping = False
+    kept, parts = [""] * len(lines), {}
+    at, part = None, ""  # last label; sensor, or None in a group
     known = re.compile(
         r"(rows|cols|columns|row_spacing|col_spacing|sensel_area|seconds_per_frame|units|sensel width|sensel height)"
         r"\b[\s\",;:=]*(.*)", re.IGNORECASE,
     )  # fmt: skip
-    for number, raw in enumerate(lines, 1):
+    for n, raw in enumerate(lines):
         line = raw.strip(' \t",;')
-        if not line:
-            continue
         if label := _LABEL.match(line):
-            stamp = re.search(r"(\d+[.,]?\d*)\s*(m?s)(ec\w*)?\b", label[2])
-            frames.append({"number": int(label[1]), "time": None, "parts": {}})
-            if stamp:
-                frames[-1]["time"] = _decimal(stamp[1]) * (1e-3 if stamp[2] == "ms" else 1.0)
-            skipping, part = False, ""
+            stamp = _STAMP.search(label[2])
+            kept[n], at, part = f"#frame:{label[1]}" + (f"({stamp[0]})" if stamp else ""), n, ""
         elif match := known.match(line):
             said.setdefault(match[1].lower().replace("columns", "cols"), match[2])
-        elif frames and line.lower().startswith(("sensor", "group")):
-            skipping, part = line.lower().startswith("group"), line[7:].strip(" ,;\t")
-        elif frames and (clock := _CLOCK.search(line)) and line.lower().startswith("time"):
-            frames[-1]["time"] = _stamp(clock[0])
+        elif at is not None and line.lower().startswith(("sensor", "group")):
+            part = None if line.lower().startswith("group") else line[7:].strip(" ,;\t")
+        elif at is not None and line.lower().startswith("time") and (clock := _CLOCK.search(line)):
+            kept[at] += f"({_stamp(clock[0])!r}s)"
         elif (
-            frames and not skipping and re.match(r"[-+.\dB]", line) and not re.search(r"[a-zA-DF-Z]{2}", line)
+            None not in (at, part) and re.match(r"[-+.\dB]", line) and not re.search(r"[a-zA-DF-Z]{2}", line)
         ):
-            mark = next((m for m in (";", "\t", ",") if m in raw), None)
-            cells = cells_of(raw, mark)
-            while cells and not cells[-1]:
-                cells.pop()
-            try:
-                row = [math.nan if c == "B" else _value(c) for c in cells]
-            except ValueError:
-                raise InputError(
-                    path, f"line {number}", one_line(line, 40), "a row of numbers, or B"
-                ) from None
-            frames[-1]["parts"].setdefault(part, []).append((number, row))
+            parts.setdefault(part, []).append(n)
     try:
-        rows, cols = int(re.split(r"\D", said["rows"])[0]), int(re.split(r"\D", said["cols"])[0])
+        rows, cols = (int(re.split(r"\D", said[name])[0]) for name in ("rows", "cols"))
     except (KeyError, ValueError):
-        raise InputError(
-            path, "rows, cols", ", ".join(said) or "nothing", "whole numbers of both in the header"
-        ) from None
+        allowed = "whole numbers of both in the header"
+        raise InputError(path, "rows, cols", ", ".join(said) or "nothing", allowed) from None
     if (layout.rows or rows, layout.cols or cols) != (rows, cols):
-        raise InputError(
-            path, "--rows, --cols", f"{layout.rows}, {layout.cols}", f"{rows} and {cols}, as the file says"
-        )
-    _bounded(path, len(frames) * rows * cols)
-    parts = list(dict.fromkeys(part for frame in frames for part in frame["parts"]))
+        allowed = f"{rows} and {cols}, as the file says"
+        raise InputError(path, "--rows, --cols", f"{layout.rows}, {layout.cols}", allowed)
     if (layout.part is None and len(parts) != 1) or (layout.part or 1) > len(parts):
         listed = ", ".join(f"{n} {part}" for n, part in enumerate(parts, 1)) or "none"
         raise InputError(path, "sensors", one_line(listed, 200), f"--part 1..{len(parts)}")
-    values = np.full((len(frames), rows, cols), np.nan)
-    for n, frame in enumerate(frames):
-        got = frame["parts"].get(parts[(layout.part or 1) - 1], [])
-        if wrong := next((k for k in got if len(k[1]) != cols), None):
-            raise InputError(
-                path, f"line {wrong[0]}", f"{len(wrong[1])} values", f"{cols}, as the header says"
-            )
-        if len(got) == rows:
-            values[n] = [row for _, row in got]
-        elif len(got) > rows:
-            raise InputError(
-                path, f"line {got[rows][0]}", f"row {rows + 1} of a frame", f"{rows} rows, as the header says"
-            )
-        else:
-            warn(path, f"frame {frame['number']} has {len(got)} of {rows} lines: missing as a whole")
-    found = Found(values, shape=(rows, cols), order="row by row, as the maker writes them")
-    found.number = np.array([frame["number"] for frame in frames], dtype=float)
-    found.ignored = [f"sensor {part}" for n, part in enumerate(parts, 1) if n != (layout.part or 1)]
-    if all(frame["time"] is not None for frame in frames):
-        found.time, found.time_from = np.array([frame["time"] for frame in frames]), "stamps of the frames"
-        found.time += 86400.0 * np.cumsum(np.diff(found.time, prepend=found.time[0]) < -43200)
-    elif step := re.match(r"[\d.,]+", said.get("seconds_per_frame", "")):
-        found.time, found.time_from = found.number * _decimal(step[0]), "seconds_per_frame"
-    found.time_unit = "s"
+    chosen = list(parts)[(layout.part or 1) - 1]
+    for n in parts[chosen]:
+        kept[n] = lines[n].rstrip(" \t,;")
+    found = Table(path, kept, replace(layout, rows=rows, cols=cols, header=False)).found()
+    found.order = "row by row, as the maker writes them"
+    found.ignored = [f"sensor {part}" for part in parts if part != chosen]
+    if found.time is None and found.number is not None:
+        if step := re.match(r"[\d.,]+", said.get("seconds_per_frame", "")):
+            found.time, found.time_from = found.number * _decimal(step[0]), "seconds_per_frame"
+            found.time_unit = "s"
     found.area_mm2 = _area(said)
-    unit = re.sub(r"[\s^]", "", said.get("units", "").strip(' ,;"')).lower().replace("²", "2")
-    if unit in KPA:
-        found.values, found.unit = values * KPA[unit], "kpa"
-    elif unit in NEWTONS:
-        found.values, found.unit = values * NEWTONS[unit], "newtons"
+    found.scale(said.get("units", ""))
     return found
 
 
