@@ -36,16 +36,6 @@ def test_a_reader_that_errs_is_noticed(monkeypatch: pytest.MonkeyPatch, module, 
     assert noticed in row["note"]
 
 
-@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_a_bag_of_its_own_is_read_back(tmp_path: Path, storage: str) -> None:
-    topics = {"/dermis/force_n": kinds.FRAMES, "/dermis/low_n": 0 * kinds.FRAMES}
-    recording_bag.write(tmp_path / "forces", topics, kinds.TIME, storage)
-    found = recording.load(tmp_path / "forces", recording.Layout(key="/dermis/force_n"))
-    assert (found.values == kinds.FRAMES).all()
-    # Whole nanoseconds.
-    assert found.time_s == pytest.approx(kinds.TIME, abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ("file", "content"),
     [

@@ -7,7 +7,6 @@ import contextlib
 import gzip
 import io
 import re
-import warnings
 import zipfile
 import zlib
 from dataclasses import dataclass, field
@@ -95,7 +94,7 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
         answers it.
     """
     path = Path(path)
-    bag = path.suffix in recording_bag.SUFFIXES or (path / "metadata.yaml").is_file()
+    bag = (path if path.suffix in recording_bag.SUFFIXES else path / "metadata.yaml").is_file()
     data = b"" if bag else read_bytes(path, FILE_BYTES_MAX, ("command line", option, str(path)))
     name = path
     if data.startswith(b"\x1f\x8b"):
@@ -106,7 +105,7 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     elif data.startswith(b"PAR1"):
         found = _parsed(path, lambda: recording_parquet.Columns(path, data, layout).found())
     elif suffix in BINARY:
-        found = _binary(path, data, suffix, layout)
+        found = _parsed(path, lambda: _binary(path, data, suffix, layout))
     else:
         found = text.read(path, data, layout)
     frames = _shaped(path, found, layout)
@@ -133,9 +132,8 @@ def _unpacked(path: Path, data: bytes) -> bytes:
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(path, "file", str(error), "a readable gzip file") from None
     if len(unpacked) > FILE_BYTES_MAX:
-        raise InputError(
-            path, "file", f"more than {FILE_BYTES_MAX} bytes unpacked", f"at most {FILE_BYTES_MAX} bytes"
-        )
+        said = f"at most {FILE_BYTES_MAX} bytes unpacked"
+        raise InputError(path, "file", f"more than {FILE_BYTES_MAX} bytes", said)
     return unpacked
 
 
@@ -158,45 +156,34 @@ def _gaps(path: Path, frames: Floats, gaps: str) -> Floats:
     if gaps == "hold":
         frames = held(frames)
         said = f"held from the frame before; {np.isnan(frames).sum()} have none"
-    warn(
-        path,
-        f"{missing.sum()} values are missing in {missing.any(axis=(1, 2)).sum()} frames, first {where}: {said}",
-    )
+    count = f"{missing.sum()} values are missing in {missing.any(axis=(1, 2)).sum()} frames"
+    warn(path, f"{count}, first {where}: {said}")
     return frames
 
 
 def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
-    time, name = None, layout.time_key
+    time, name, reversed_axes = None, None, False
     if suffix == ".npy":
-        values = _parsed(path, lambda: npy_array(data, path.name, "biuf"))
-    elif suffix == ".npz":
-        values, time, name = _chosen(path, _parsed(path, lambda: _members(data, path, layout)), layout)
-    elif suffix == ".mat" and not data.startswith(b"MATLAB 7.3"):
-        values, time, name = _chosen(path, _parsed(path, lambda: _matlab(data)), layout)
+        values = npy_array(data, path.name, "biuf")
     else:
-        h5py = optional("h5py", "recordings")
-        try:
-            with h5py.File(io.BytesIO(data), "r") as file:
-                sets: dict[str, Any] = {}
-                file.visititems(lambda n, item: sets.update({n: item}) if hasattr(item, "dtype") else None)
-                values, time, name = _chosen(path, sets, layout)
-                # MATLAB 7.3 writes its arrays with the axes reversed.
-                values, time = values[()], None if time is None else time[()]
-                values = values.T if suffix == ".mat" else values
-        except OSError as error:
-            raise InputError(path, "file", str(error), "a readable HDF5 file") from None
-    if np.asarray(values).dtype.kind not in "biuf":
-        raise InputError(path, "--key", str(np.asarray(values).dtype), "an array of real numbers")
+        if suffix == ".npz":
+            sets = _members(data, path, layout)
+        elif suffix == ".mat" and not data.startswith(b"MATLAB 7.3"):
+            from scipy.io import loadmat  # 0.1 s
+
+            sets = {n: array for n, array in loadmat(io.BytesIO(data)).items() if not n.startswith("__")}
+        else:
+            sets, reversed_axes = {}, suffix == ".mat"
+            file = optional("h5py", "recordings").File(io.BytesIO(data), "r")
+            file.visititems(lambda n, item: sets.update({n: item}) if hasattr(item, "dtype") else None)
+        values, time, name = _chosen(path, sets, layout)
+    values = np.asarray(values).T if reversed_axes else np.asarray(values)
+    if values.dtype.kind not in "biuf":
+        raise InputError(path, "--key", str(values.dtype), "an array of real numbers")
     time = None if time is None else np.asarray(time, dtype=float).ravel()
     found = Found(np.asarray(values, dtype=float), time, binary=True)
     found.time_unit, found.time_from = text.time_unit_of(name) if name else None, name or "the file"
     return found
-
-
-def _matlab(data: bytes) -> dict[str, Any]:
-    from scipy.io import loadmat  # 0.1 s
-
-    return {name: value for name, value in loadmat(io.BytesIO(data)).items() if not name.startswith("__")}
 
 
 def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
@@ -208,9 +195,7 @@ def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
         names = [name for name in (layout.key, layout.time_key, *timed) if name is not None]
     found = {}
     for name in names or [None]:
-        with contextlib.suppress(
-            InputError if layout.key is None else ()
-        ):  # an array of text, beside the others
+        with contextlib.suppress(InputError if layout.key is None else ()):  # an array of text
             found[name] = npz_member(data, path.name, name)
     return found
 
@@ -230,10 +215,10 @@ def _chosen(path: Path, sets: dict[str, Any], layout: Layout) -> tuple[Any, Any,
     if name is not None and name not in numeric:
         raise InputError(path, "--time-key", name, "a data set: " + ", ".join(list(numeric)[:10]))
     if name is None and layout.rate_hz is None:
+        lengths = {n: i.size for n, i in numeric.items() if i.size == max(i.shape, default=0)}
         timed = [
-            n for n, i in numeric.items()
-            if text.is_time(n.split("/")[-1]) and i.size == max(i.shape, default=0) and i.size in numeric[key].shape
-        ]  # fmt: skip
+            n for n, size in lengths.items() if text.is_time(n.split("/")[-1]) and size in numeric[key].shape
+        ]
         name = timed[0] if len(timed) == 1 else None
     return numeric[key], None if name is None else numeric[name], name
 
@@ -281,14 +266,11 @@ def _shaped(path: Path, found: Found, layout: Layout) -> Floats:
 
 def _by_axes(path: Path, values: Floats, axes: tuple[str | int, ...]) -> Floats:
     """Return [frames, rows, cols] or [frames, taxels] of an array whose axes are named."""
+    shape = list(values.shape)
     if values.ndim != len(axes):
-        raise InputError(
-            path, "--axes", list(values.shape), f"{values.ndim} names or numbers, not {len(axes)}"
-        )
-    if wrong := next(
-        (a for a, n in zip(axes, values.shape, strict=True) if isinstance(a, int) and a >= n), None
-    ):
-        raise InputError(path, "--axes", list(values.shape), f"a number of a part that there is, not {wrong}")
+        raise InputError(path, "--axes", shape, f"{values.ndim} names or numbers, not {len(axes)}")
+    if wrong := [a for a, n in zip(axes, shape, strict=True) if isinstance(a, int) and a >= n]:
+        raise InputError(path, "--axes", shape, f"a number of a part that there is, not {wrong[0]}")
     values = values[tuple(a if isinstance(a, int) else slice(None) for a in axes)]
     names = [a for a in axes if isinstance(a, str)]
     if "frames" not in names:
@@ -408,14 +390,10 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
     time = time.ravel().copy()
     if np.isnan(time).any():
         known = np.isfinite(time)
+        lost = f"{(~known).sum()} of {frames}"
         if known.sum() < 2 or not (known[0] and known[-1]):
-            raise InputError(
-                path, "time", f"{(~known).sum()} of {frames} missing", "a first and a last time; or --rate"
-            )
-        warn(
-            path,
-            f"{(~known).sum()} times are missing, the first of frame {np.argmin(known)}: interpolated",
-        )
+            raise InputError(path, "time", f"{lost} missing", "a first and a last time; or --rate")
+        warn(path, f"{lost} times are missing, the first of frame {np.argmin(known)}: interpolated")
         time = np.interp(np.arange(frames), np.flatnonzero(known), time[known])
     step = np.diff(time)
     wrapped = (step < -_WRAP / 2) & (step > -_WRAP) & (time[1:] >= 0)
@@ -428,10 +406,8 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         allowed = "later than the frame before; or --rate"
         raise InputError(path, f"time of frame {at + 1}", float(time[at + 1]), allowed)
     if (same := int((step == 0).sum())) and same < frames - 1:
-        warn(
-            path,
-            f"{same} times are those of the frame before, the first of frame {int(np.argmax(step == 0)) + 1}",
-        )
+        first = int(np.argmax(step == 0)) + 1
+        warn(path, f"{same} times are those of the frame before, the first of frame {first}")
     unit, median = layout.time_unit or found.time_unit, float(np.median(step[step > 0]))
     if unit is None:
         first = time[0] + found.start
@@ -439,10 +415,8 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         unit = "s" if unit is None and median < _SECONDS_SURE else unit
     if unit is None:
         raise InputError(path, "time", f"steps of {median:g}", "--time-unit " + ", ".join(TIME_UNITS))
-    lost = np.abs(step / median - 1) > _TIME_SPREAD
-    if (lost & (step > 0)).any():
-        warnings.warn(
-            f"{path}: {(lost & (step > 0)).sum()} of {frames} steps of time differ from the median by more than half, "
-            f"the first after frame {int(np.argmax(lost & (step > 0)))}: frames lost?", stacklevel=2,
-        )  # fmt: skip
+    lost = (np.abs(step / median - 1) > _TIME_SPREAD) & (step > 0)
+    if lost.any():
+        said = f"{lost.sum()} of {frames} steps of time differ from the median by more than half"
+        warn(path, f"{said}, the first after frame {int(np.argmax(lost))}: frames lost?")
     return (time - time[0]) * TIME_UNITS[unit], f"{found.time_from}, in {unit}"

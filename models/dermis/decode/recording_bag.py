@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.decode.recording_text import Found, Layout, warn
+from dermis.decode.recording_text import COL, ROW, Found, Layout, warn
 from dermis.errors import InputError, optional
-from dermis.scene.stimulus import FILE_BYTES_MAX, VALUES_MAX
+from dermis.scene.stimulus import VALUES_MAX
 
 SUFFIXES = (".mcap", ".db3")
 """A bag is a file with one of these suffixes, or a directory."""
@@ -23,10 +23,6 @@ _ENCODING = re.compile(r"(?:mono|(?=\d+[USF]C))(8|16|32|64)(?:([USF])C(\d*))?")
 _TYPES = {"U": "u", "S": "i", "F": "f", None: "u"}
 _LISTED = 64
 """Elements of a list of messages that are looked through."""
-_ROW, _COL = (
-    re.compile(r"r|rows?|y|height", re.IGNORECASE),
-    re.compile(r"c|col(umn)?s?|x|width", re.IGNORECASE),
-)
 
 
 def read(path: Path, layout: Layout) -> Found:
@@ -44,9 +40,6 @@ def read(path: Path, layout: Layout) -> Found:
     """
     reader = optional("rosbags.highlevel", "recordings").AnyReader
     types = optional("rosbags.typesys", "recordings")
-    size = sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path]))
-    if size > FILE_BYTES_MAX:
-        raise InputError(path, "file", f"{size} bytes", f"at most {FILE_BYTES_MAX} bytes")
     # A bag of sqlite3 need not say its types: those of a release with long support.
     with reader([path], default_typestore=types.get_typestore(types.Stores.ROS2_HUMBLE)) as bag:
         topic, name = _chosen(path, bag, layout)
@@ -171,23 +164,14 @@ def _multi_array(path: Path, layout: Any, data: NDArray, size: int | None) -> ND
         allowed = f"sizes and strides of {data.size} values; or --rows and --cols"
         raise InputError(path, "layout.dim", said, allowed)
     array = np.lib.stride_tricks.as_strided(data, sizes, [step * data.itemsize for step in steps]).copy()
-    turned = len(dims) == 2 and bool(_COL.fullmatch(dims[0].label) and _ROW.fullmatch(dims[1].label))
+    turned = len(dims) == 2 and dims[0].label.lower() in COL and dims[1].label.lower() in ROW
     return array.T if turned else array
 
 
 def write(directory: Path, topics: Mapping[str, NDArray], time_s: NDArray, storage: str) -> None:
-    """Write a bag of a Float64MultiArray a frame, with its rows and columns.
+    """Write a bag, a directory that must not be there, in "mcap" or "sqlite3": a Float64MultiArray a frame.
 
-    Parameters
-    ----------
-    directory : Path
-        The bag; it must not be there.
-    topics : mapping
-        [frames, rows, cols] by topic.
-    time_s : ndarray
-        [frames], written to 1 ns.
-    storage : str
-        "mcap" or "sqlite3".
+    `topics` has [frames, rows, cols] by topic, and `time_s` [frames] is written to 1 ns.
     """
     rosbag2 = optional("rosbags.rosbag2", "recordings")
     types = optional("rosbags.typesys", "recordings")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import codecs
 import csv
+import functools
 import math
 import re
 import warnings
@@ -36,7 +37,12 @@ _OTHER = re.compile(
     re.IGNORECASE,
 )
 """Beginnings of names that are known to be no taxel: other columns that are left out are warned of."""
-_ROW, _COL = ("r", "row", "y"), ("c", "col", "column", "x")
+ROW, COL = ("r", "row", "rows", "y", "height"), ("c", "col", "cols", "column", "columns", "x", "width")
+"""Words for the number of a row and that of a column."""
+_MARKS = (
+    (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32"), (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)  # fmt: skip
 _EMPTY = {"", "-", "--", "null", "none", "nan", "na", "n/a", "#n/a", "nil", "missing", "b"}
 """Cells without a value; Tekscan writes B where there is no sensel."""
 _LABEL = re.compile(r"[\W_]*frame\b[\W_]*(\d{1,9})(.*)", re.IGNORECASE)
@@ -55,19 +61,15 @@ KPA = {
 }  # fmt: skip
 """kPa of a unit of pressure."""
 NEWTONS = {
-    "n": 1.0,
-    "newtons": 1.0,
-    "kg": 9.80665,
-    "kgf": 9.80665,
-    "g": 9.80665e-3,
-    "gf": 9.80665e-3,
-    "lbs": 4.448222,
-}
+    "n": 1.0, "newtons": 1.0, "kg": 9.80665, "kgf": 9.80665, "g": 9.80665e-3, "gf": 9.80665e-3, "lbs": 4.4482216,
+    "lbf": 4.4482216,
+}  # fmt: skip
 """N of a unit of force."""
 _MM = {
     "mm": 1.0, "millimeters": 1.0, "cm": 10.0, "centimeters": 10.0, "m": 1e3, "meters": 1e3, "in": 25.4, "inch": 25.4,
     "inches": 25.4,
 }  # fmt: skip
+KNOWN = "npy, npz, mat, HDF5 and bags are known by their suffix"
 PLACES_MAX = 1 << 16
 """The largest array: 256 x 256."""
 _PICTURE = re.compile(r"\W*pict-?no\.?:?\s*(\d{1,9})", re.IGNORECASE)
@@ -86,14 +88,12 @@ class Layout:
         Array of the times in such a file, or the name or number of the column of a text.
     skip : int or None
         Leading columns of a text that are no taxels.
-    time_unit : str or None
-        One of `recording.TIME_UNITS`.
+    time_unit, gaps : str or None, str
+        One of `recording.TIME_UNITS`, one of `recording.GAPS`.
     rate_hz : float or None
         Frames a second; overrules times in the file.
     missing : float or None
         Value of a place without a taxel; NaN counts as well.
-    gaps : str
-        One of `recording.GAPS`.
     axes : tuple or None
         Names of `recording.AXES` in the order of an array, or the number of the part to take along an axis.
     taxels : (int, int) or None
@@ -138,10 +138,8 @@ class Found:
         Added to `time` to give stamps since 1970, where that would lose digits.
     number : ndarray or None
         Numbers of the frames, where the file has them.
-    by_line : bool
-        A line, or a part of the first axis, is a frame.
-    binary : bool
-        An array whose axes may be in any order.
+    by_line, binary : bool
+        A line, or a part of the first axis, is a frame; an array whose axes may be in any order.
     shape : (rows, cols) or None
     unit : str or None
         Of `recording.UNITS`.
@@ -176,29 +174,20 @@ def warn(path: Path, text: str) -> None:
 
 def decoded(path: Path, data: bytes) -> str:
     """Return text in UTF-8, UTF-16, UTF-32 or Latin-1."""
-    marks = {
-        codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32", codecs.BOM_UTF16_LE: "utf-16",
-        codecs.BOM_UTF16_BE: "utf-16",
-    }  # fmt: skip
-    kind = next((name for mark, name in marks.items() if data.startswith(mark)), None)
-    if kind is None and b"\0" in (start := data[:4096]):
-        kind = "utf-16-le" if start[1::2].count(0) > start[::2].count(0) else "utf-16-be"
-    try:
-        if kind is not None:
+    even, odd = data[:4096:2].count(0), data[1:4096:2].count(0)
+    kinds = ["utf-16-le" if odd > even else "utf-16-be"] if even or odd else ["utf-8-sig", "latin-1"]
+    kinds = next(([name] for mark, name in _MARKS if data.startswith(mark)), kinds)
+    for kind in kinds:
+        try:
             text = data.decode(kind)
+        except UnicodeDecodeError as error:
+            at = error.start
         else:
-            try:
-                text = data.decode("utf-8-sig")
-            except UnicodeDecodeError:
-                text = data.decode("latin-1")
-        if (bad := re.search(r"[\0-\x08\x0e-\x1f]", text)) is None:
-            return text
-        at = bad.start()
-    except UnicodeDecodeError as error:
-        at = error.start
-    raise InputError(
-        path, f"byte {at}", "no text", "a text; npy, npz, mat and HDF5 are known by their suffix"
-    )
+            if (bad := re.search(r"[\0-\x08\x0e-\x1f]", text)) is None:
+                return text
+            at = bad.start()
+            break
+    raise InputError(path, f"byte {at}", "no text", f"a text; {KNOWN}")
 
 
 def read(path: Path, data: bytes, layout: Layout) -> Found:
@@ -217,19 +206,12 @@ def read(path: Path, data: bytes, layout: Layout) -> Found:
 
 def cells_of(line: str, mark: str | None) -> list[str]:
     """Split a line; brackets of lists are kept."""
+    joint = mark or " "
     if '"' in line:
-        joint = mark or " "
-        line = re.sub(
-            r'"[^"\[]*(\[[^\]"]*\])[^"]*"', lambda m: joint.join(re.split(r"[,;\s]+(?=[^\s\]])", m[1])), line
-        )
-        row = (
-            next(csv.reader([line], delimiter=joint, skipinitialspace=True))
-            if '"' in line
-            else line.split(mark)
-        )
-    else:
-        row = line.split(mark)
-    return [cell.strip(' \t"') for cell in row]
+        parts = r'"[^"\[]*(\[[^\]"]*\])[^"]*"'
+        line = re.sub(parts, lambda m: joint.join(re.split(r"[,;\s]+(?=[^\s\]])", m[1])), line)
+    quoted_cells = '"' in line and next(csv.reader([line], delimiter=joint, skipinitialspace=True))
+    return [cell.strip(' \t"') for cell in quoted_cells or line.split(mark)]
 
 
 def _bare(cells: list[str]) -> list[str]:
@@ -280,19 +262,21 @@ def _stamp(cell: str) -> float:
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 
+def _parted(name: str) -> str:
+    """Return a name with timeMs as time_Ms."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
+
+
 def time_unit_of(name: str) -> str | None:
     """Return the unit that the name of a time has, as in time_ms and Time [us]."""
-    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
-    match = _TIME_UNIT.fullmatch(name)
-    if match is None:
-        return None
-    n, u, micro, m, _ = match.groups()
-    return "ns" if n else "us" if u or micro else "ms" if m else "s"
+    match = _TIME_UNIT.fullmatch(_parted(name).lower())
+    n, u, micro, m, s = match.groups() if match else [None] * 5
+    return "ns" if n else "us" if u or micro else "ms" if m else "s" if s else None
 
 
 def is_time(name: str) -> bool:
     """Return True if a name is that of a time."""
-    return bool(_TIME.fullmatch(name)) or bool(_TIME.fullmatch(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)))
+    return bool(_TIME.fullmatch(name) or _TIME.fullmatch(_parted(name)))
 
 
 # ---- tables
@@ -325,13 +309,16 @@ class Table:
                 allowed = f"{self.width} values, as the first line"
                 raise self._ask(f"line {number}", f"{len(row)} values", allowed)
 
-    @property
+    @functools.cached_property
     def words(self) -> list[int]:
         """Columns without a number."""
         return [k for k in range(self.width) if not any(_is(row[k]) for row in self.sample)]
 
     def _ask(self, key: str, value: object, allowed: str) -> InputError:
         return InputError(self.path, key, value, allowed)
+
+    def _unclear(self, value: object, allowed: str) -> InputError:
+        return self._ask("header", value, f"{allowed}, or --taxels FIRST..LAST by number")
 
     def _starts(self, line: str) -> bool:
         cells = _bare(cells_of(line, self.mark))
@@ -402,9 +389,8 @@ class Table:
                 raise self._ask("lines", "a header only", "at least one line of numbers")
             return first[: len(plain)]
         if self.layout.header:
-            raise self._ask(
-                "header", one_line(self.lines[0][1]), "names or numbers of columns, or --header no"
-            )
+            allowed = "names or numbers of columns, or --header no"
+            raise self._ask("header", one_line(self.lines[0][1]), allowed)
         if short:
             allowed = f"{len(plain)}, as many as the line below it has values"
             raise self._ask("header", f"{len(cells_of(last, self.mark))} names", allowed)
@@ -429,13 +415,10 @@ class Table:
         below = self._cells(self.lines[1][1]) if len(self.lines) > 1 else []
         if words and any(not _is(c) or not c for c in below[:1] if not words[0]):
             return False
-        if words and len(below) == len(cells):
-            return (
-                any(_is(b) and b for b, c in zip(below, cells, strict=True) if c in words)
-                or self.layout.header
-            )
         if self.layout.header:
             return True
+        if words and len(below) == len(cells):
+            return any(_is(b) and b for b, c in zip(below, cells, strict=True) if c in words)
         try:
             steps = {number_of(b) - number_of(a) for a, b in zip(cells, below, strict=False)}
         except ValueError:
@@ -445,9 +428,7 @@ class Table:
         if len(numbers) < _NUMBERS_SURE or len(steps) == 1:
             allowed = "--header yes if these are numbers of columns, --header no if it is data"
             raise self._ask("line 1", one_line(self.lines[0][1], 40), allowed)
-        warn(
-            self.path, "the first line has the numbers of the columns and is no frame; --header no otherwise"
-        )
+        warn(self.path, "the first line has numbers of columns and is no frame; --header no otherwise")
         return True
 
     # ---- columns
@@ -462,9 +443,8 @@ class Table:
             if not by_line:
                 lower = [name.lower() for name in self.names]
                 row_key = next((lower.index(w) for w in ("row", "r") if w in lower), None)
-                frame_key = next(
-                    (lower.index(w) for w in ("frame", "frame_id", "sample") if w in lower), None
-                )
+                number = next((w for w in ("frame", "frame_id", "sample") if w in lower), None)
+                frame_key = None if number is None else lower.index(number)
         else:
             order, columns, shape, by_line = self._unnamed(chosen, keys)
         extra = [k for k in (row_key, frame_key) if k is not None]
@@ -474,21 +454,14 @@ class Table:
         values[:, [n for n, c in enumerate(columns) if c is not None]] = table[:, len(extra) :]
         said = [self.names[k] or f"column {k}" if self.names else f"column {k}" for k in range(self.width)]
         out = [k for k in range(self.width) if k not in columns and k not in keys and k not in extra]
-        strange = [
-            said[k]
-            for k in out
-            if self.names
-            and said[k]
-            and not _OTHER.match(re.split(r"[./]", said[k])[-1])
-            and not is_time(said[k])
-        ]
-        if len(strange) > max(8, len(columns) / 4) and chosen is None and not layout.part:
-            shown = one_line(", ".join(strange[:4]), 80)
-            raise self._ask(
-                "header", f"{len(strange)} columns as {shown}", "--taxels FIRST..LAST by number, or --part N"
-            )
-        if strange and chosen is None and not layout.part:
-            warn(self.path, f"columns that are taken for no taxels: {one_line(', '.join(strange[:8]), 200)}")
+        if chosen is None and not layout.part and self.names:
+            named = [k for k in out if self.names[k] and not is_time(said[k])]
+            strange = [said[k] for k in named if not _OTHER.match(re.split(r"[./]", said[k])[-1])]
+            shown = one_line(", ".join(strange[:8]), 200)
+            if len(strange) > max(8, len(columns) / 4):
+                raise self._unclear(f"{len(strange)} columns as {shown}", "--part N")
+            if strange:
+                warn(self.path, f"columns that are taken for no taxels: {shown}")
         found = Found(values, by_line=by_line, shape=shape, order=order, ignored=[said[k] for k in out])
         if keys:
             found.time_from = " and ".join(said[k] for k in keys)
@@ -531,13 +504,12 @@ class Table:
             for k in timed:
                 # ROS: stamp.sec and stamp.nanosec, secs and nsecs.
                 fine = re.fullmatch(r"(.*?)(nano|n)(secs?|seconds?)", names[k], re.IGNORECASE)
-                pair = [
-                    j
-                    for j in timed
-                    if fine and re.fullmatch(re.escape(fine[1]) + "(secs?|seconds?|s)", names[j], re.I)
-                ]
-                if pair:
-                    return [pair[0], k]
+                whole = re.compile(re.escape(fine[1]) + "(secs?|seconds?|s)", re.I) if fine else None
+                if (
+                    whole
+                    and (pair := next((j for j in timed if whole.fullmatch(names[j])), None)) is not None
+                ):
+                    return [pair, k]
             named = [k for k in timed if is_time(names[k]) and counts[_template(names[k])[0]] < 4]
             return named[:1]
         stamps = [k for k in timed if not _is(first[k])]
@@ -547,141 +519,102 @@ class Table:
         columns = [[row[k] for row in self.sample] for k in range(min(4, self.width))]
         whole = [all(re.fullmatch(r"\d+", c) for c in column) for column in columns]
         for k, column in enumerate(columns):
-            if chosen is not None and k in chosen:
-                continue
-            if not all(_is(c) and number_of(c) > 1e9 for c in column):
-                continue
-            after = columns[k + 1] if k + 1 < len(columns) and whole[k + 1] else []
-            if (
-                whole[k]
-                and after
-                and len(column[0]) == 10
-                and all(int(c) < 10**9 for c in after)
-                and max(map(int, after)) > 1e6
-            ):
-                return [k, k + 1]
-            return [k]
+            if (chosen is None or k not in chosen) and all(_is(c) and number_of(c) > 1e9 for c in column):
+                after = columns[k + 1] if all(whole[k : k + 2]) and k + 1 < len(columns) else ["0"]
+                fine = len(column[0]) == 10 and 1e6 < max(map(int, after)) < 10**9
+                return [k, k + 1] if fine else [k]
         return []
 
     def _by_names(self, chosen: list[int] | None, keys: list[int]):
         """Return order, columns by place (None: no taxel), shape or None, and True if a line is a frame."""
-        layout = self.layout
-        groups: dict[tuple, list[int]] = {}
+        layout, size = self.layout, self.layout.size
+        groups: dict[tuple[str, int], list[int]] = {}
         seen: Counter = Counter()
         for k in range(self.width) if chosen is None else chosen:
             text, numbers = _template(self.names[k])
-            if k in keys or (not numbers and chosen is None) or (k in self.words and chosen is None):
-                continue
-            seen[text, numbers] += 1
-            groups.setdefault((text, seen[text, numbers]), []).append(k)
+            if k not in keys and (chosen is not None or (numbers and k not in self.words)):
+                seen[text, numbers] += 1
+                groups.setdefault((text, seen[text, numbers]), []).append(k)
         for (text, again), columns in groups.items():
-            if again > 1 and len(columns) < len(groups[text, 1]) / 2:
-                raise self._ask(
-                    "header", f"the name {self.names[columns[0]]} twice", "--taxels FIRST..LAST by number"
-                )
-        size = layout.size
-        large = max(map(len, groups.values()), default=0)
-        parts = [g for g in groups if 2 * len(groups[g]) >= large > 1 or len(groups[g]) == size]
-        fitting = [g for g in parts if len(groups[g]) == size]
+            if again > 1 and 2 * len(columns) < len(groups[text, 1]):
+                raise self._unclear(f"the name {self.names[columns[0]]} twice", "names that differ")
+        many = max(map(len, groups.values()), default=0)
+        parts = [g for g in groups.values() if 2 * len(g) >= many > 1 or len(g) == size]
+        fitting = [g for g in parts if len(g) == size]
         if layout.part is not None:
             parts = parts[layout.part - 1 : layout.part]
         elif len(fitting) == 1:
             parts = fitting
-        if chosen is not None and (len(groups) != 1 or not next(iter(groups))[0].count("#")):
+        if chosen is not None and (len(groups) != 1 or "#" not in next(iter(groups))[0]):
             warn(self.path, "names do not say the places of the chosen columns; taken row by row")
             return "row by row, as in the file", chosen, None, True
         if len(parts) != 1:
-            listed = (
-                ", ".join(f"{len(groups[g])} of {self.names[groups[g][0]]}" for g in parts[:6])
-                or "no numbers"
-            )
-            raise self._ask(
-                "header", listed, "--part N for one of several arrays, or --taxels FIRST..LAST by number"
-            )
-        columns = groups[parts[0]]
+            listed = ", ".join(f"{len(g)} of {self.names[g[0]]}" for g in parts[:6]) or "no numbers"
+            raise self._unclear(listed, "--part N for one of several arrays")
+        columns, first = parts[0], self.names[parts[0][0]]
+        texts = _template(first)[0].split("#")
         numbers = np.array([[min(n, PLACES_MAX) for n in _template(self.names[k])[1]] for k in columns])
         if numbers.max() >= PLACES_MAX:
-            raise self._ask(
-                "header", self.names[columns[0]], f"numbers below {PLACES_MAX}, or --taxels FIRST..LAST"
-            )
-        texts = re.split("#", parts[0][0])
+            raise self._unclear(first, f"numbers below {PLACES_MAX}")
         changing = [d for d in range(numbers.shape[1]) if len(set(numbers[:, d])) > 1]
-        words = [
-            re.split(r"[^a-z]+", texts[d])[-1] or re.split(r"[^a-z]+", texts[d].strip(" _.[](),-"))[-1]
-            for d in changing
-        ]
+        words = [re.split(r"[^a-z]+", texts[d].rstrip(" _.[](),-"))[-1] for d in changing]
         numbers = numbers[:, changing]
         if len(changing) == 1:
-            return self._flat(columns, numbers[:, 0], words[0])
-        between = texts[changing[0] + 1] if changing else ""
-        plain = not re.search("[a-z]", between)
-        if len(changing) == 2 and words[0] in _COL and words[1] in _ROW:
-            numbers = numbers[:, ::-1]
-        elif len(changing) != 2 or not (plain or (words[0] in _ROW and words[1] in _COL)):
-            raise self._ask(
-                "header", self.names[columns[0]], "names with row and column, or --taxels FIRST..LAST"
-            )
-        low = numbers.min(axis=0)
-        if (low > 1).any():
-            raise self._ask(
-                "header", self.names[columns[0]], "rows and columns from 0 or 1, or --taxels FIRST..LAST"
-            )
-        numbers = numbers - low.min()
-        rows, cols = (layout.rows or numbers[:, 0].max() + 1), (layout.cols or numbers[:, 1].max() + 1)
-        if (numbers >= (rows, cols)).any():
-            raise self._ask(
-                "header",
-                f"{self.names[columns[-1]]}",
-                f"places in {rows} x {cols}, or other --rows and --cols",
-            )
-        if min(rows, cols) <= 2 and max(rows, cols) > 32 and not (layout.rows and layout.cols):
-            raise self._ask(
-                "header", f"{rows} x {cols} places", "--rows and --cols, or --taxels for one of two arrays"
-            )
+            place, count, by_line = self._flat(first, numbers[:, 0], words[0])
+            shape = None
+        else:
+            two = len(changing) == 2
+            turned = two and words[0] in COL and words[1] in ROW
+            plain = two and not re.search("[a-z]", texts[changing[0] + 1])
+            if not (turned or plain or (two and words[0] in ROW and words[1] in COL)):
+                raise self._unclear(first, "names with row and column")
+            shape, by_line = self._grid(first, numbers := numbers[:, ::-1] if turned else numbers), True
+            place, count = (numbers - numbers.min()) @ (shape[1], 1), shape[0] * shape[1]
+        table: list[int | None] = [None] * count
+        for k, n in zip(columns, place.tolist(), strict=True):
+            table[n] = k
+        if None in table:
+            warn(self.path, f"{table.count(None)} of {count} places have no column: no taxel there")
+        first = self.names[next(k for k in table if k is not None)]
+        return f"by names, {first} first{'' if shape else ', row by row'}", table, shape, by_line
+
+    def _grid(self, first: str, numbers: NDArray) -> tuple[int, int]:
+        """Return the size of an array whose names have row and column."""
+        if (numbers.min(axis=0) > 1).any():
+            raise self._unclear(first, "rows and columns from 0 or 1")
+        most = numbers.max(axis=0) - numbers.min() + 1
+        rows, cols = self.layout.rows or int(most[0]), self.layout.cols or int(most[1])
+        if (most > (rows, cols)).any():
+            said = f"{most[0]} x {most[1]} places as {first}"
+            raise self._ask("header", said, f"places in {rows} x {cols}, or other --rows and --cols")
+        if min(rows, cols) <= 2 and max(rows, cols) > 32 and not self.layout.size:
+            raise self._unclear(f"{rows} x {cols} places", "--rows and --cols, for one of two arrays")
         if rows * cols > PLACES_MAX:
             raise self._ask("header", f"{rows} x {cols} places", f"at most {PLACES_MAX}")
-        places: list[int | None] = [None] * (rows * cols)
-        for k, (r, c) in zip(columns, numbers.tolist(), strict=True):
-            places[r * cols + c] = k
-        if None in places:
-            warn(self.path, f"{places.count(None)} of {rows} x {cols} places have no column: no taxel there")
-        return f"by names, {self.names[columns[0]]} first", places, (rows, cols), True
+        return rows, cols
 
-    def _flat(self, columns: list[int], numbers: NDArray, word: str):
-        """Return the layout of names with one number."""
-        low, count = int(numbers.min()), len(columns)
-        size = self.layout.size
+    def _flat(self, first: str, numbers: NDArray, word: str) -> tuple[NDArray, int, bool]:
+        """Return places, their count, and True if a line is a frame, of names with one number."""
+        low, most, count, size = int(numbers.min()), int(numbers.max()), len(numbers), self.layout.size
         if low > 1 or sorted(numbers.tolist()) != list(range(low, low + count)):
-            if (
-                size is not None
-                and (numbers.max() == size or (low == 0 and numbers.max() < size))
-                and count < size
-            ):
-                # Numbers of places in the array: those without a column have no taxel.
-                places: list[int | None] = [None] * size
-                for k, n in zip(columns, (numbers - (numbers.max() == size)).tolist(), strict=True):
-                    places[n] = k
-                warn(self.path, f"{size - count} of {size} numbers have no column: no taxel there")
-                return f"by names, {self.names[columns[0]]} first, row by row", places, None, True
-            lost = sorted(set(range(int(numbers.max()) + 1)) - set(numbers.tolist()) - {0})
-            said = f"{count} names as {self.names[columns[0]]}, {f'not {lost[0]}' if lost else f'from {low}'}"
-            allowed = (
-                "numbers from 0 or 1 without a gap, --rows and --cols that have the last one, or --taxels"
+            if size is not None and count < size and (most == size or (low == 0 and most < size)):
+                return numbers - (most == size), size, True
+            lost = sorted(set(range(most + 1)) - set(numbers.tolist()) - {0})
+            said = f"{count} names as {first}, {f'not {lost[0]}' if lost else f'from {low}'}"
+            raise self._unclear(
+                said, "numbers from 0 or 1 without a gap, --rows and --cols with the last one"
             )
-            raise self._ask("header", said, allowed)
-        ordered = [columns[k] for k in np.argsort(numbers)]
         # A data frame of rows names its columns by numbers.
-        a_row = count != size and (
-            word in _COL or (self.names[columns[0]].isdigit() and count == self.layout.cols)
-        )
-        if word in (*_COL, *_ROW) and size is None and "row" not in [n.lower() for n in self.names]:
-            if self.layout.cols != count or word in _ROW:
+        fits = count == self.layout.cols
+        a_row = count != size and (word in COL or (first.isdigit() and fits))
+        if word in (*COL, *ROW) and size is None and "row" not in [n.lower() for n in self.names]:
+            if not fits or word in ROW:
                 allowed = "--rows and --cols: a line may be a row of a frame, or a frame"
-                raise self._ask("header", f"{count} columns {self.names[ordered[0]]}..", allowed)
-        if size is not None and count != size and not (a_row and count == self.layout.cols):
+                raise self._ask("header", f"{count} columns {first}..", allowed)
+        if size is not None and count != size and not (a_row and fits):
             allowed = f"{size}, as --rows {self.layout.rows} --cols {self.layout.cols} say"
             raise self._ask("columns", f"{count} taxels", allowed)
-        return f"by names, {self.names[ordered[0]]} first, row by row", ordered, None, not a_row
+        return numbers - low, count, not a_row
 
     def _unnamed(self, chosen: list[int] | None, keys: list[int]):
         """Return the layout of columns without names, as `_by_names`."""
@@ -765,16 +698,14 @@ class Table:
 
     def _counters(self, out: list[int]) -> None:
         """Warn of lost numbers in a counter of frames."""
-        for k in out:
-            name = self.names[k].lower() if self.names else ""
-            if re.fullmatch(
-                r"(.*[._ /])?(seq|frame|frame_?(no|nr|number|id)|counter|sample|index|idx)", name
-            ):
-                column = self._column(k)
-                steps = (
-                    np.diff([int(c) for c in column]) if all(re.fullmatch(r"\d+", c) for c in column) else []
-                )
-                if len(steps) and (steps > 1).any() and (steps == 1).any():
+        counter = re.compile(
+            r"(.*[._ /])?(seq|frame|frame_?(no|nr|number|id)|counter|sample|index|idx)", re.I
+        )
+        for k in out if self.names else ():
+            column = self._column(k) if counter.fullmatch(self.names[k]) else [""]
+            if all(re.fullmatch(r"\d+", c) for c in column):
+                steps = np.diff([int(c) for c in column])
+                if (steps > 1).any() and (steps == 1).any():
                     lost = int((steps[steps > 1] - 1).sum())
                     warn(self.path, f"{self.names[k]} leaves out {lost} numbers: frames lost?")
 
@@ -789,14 +720,10 @@ class Table:
         if not (np.isfinite(row).all() and (row == np.floor(row)).all() and row.min() in (0, 1)):
             raise self._ask("row", float(row.min()), "whole numbers from 0 or 1")
         place = (row - row.min()).astype(int)
-        if frame is None:
-            new = np.diff(place) <= 0
-        else:
-            new = np.diff(frame) != 0
+        new = np.diff(place) <= 0 if frame is None else np.diff(frame) != 0
         index = np.concatenate([[0], np.cumsum(new)]).astype(int)
-        rows = self.layout.rows or int(place.max()) + 1
-        if (index[-1] + 1) * rows * found.values.shape[1] > VALUES_MAX:
-            raise self._ask("row", int(row.max()), f"at most {VALUES_MAX} values in all")
+        rows, width = self.layout.rows or int(place.max()) + 1, found.values.shape[1]
+        _bounded(path, (int(index[-1]) + 1) * rows * width)
         if place.max() >= rows:
             raise self._ask("row", int(row.max()), f"{rows} rows, as --rows says")
         filled = np.zeros((index[-1] + 1, rows), int)
@@ -805,15 +732,12 @@ class Table:
             n, r = np.argwhere(filled > 1)[0]
             raise self._ask(f"frame {n}", f"row {r} twice", "each row once in a frame")
         for n in np.flatnonzero((filled == 0).any(axis=1))[:8]:
-            warn(
-                path,
-                f"frame {n} has no row {', '.join(map(str, np.flatnonzero(filled[n] == 0)[:8]))}: missing there",
-            )
-        values = np.full((*filled.shape, found.values.shape[1]), np.nan)
+            lost = ", ".join(map(str, np.flatnonzero(filled[n] == 0)[:8]))
+            warn(path, f"frame {n} has no row {lost}: missing there")
+        values = np.full((*filled.shape, width), np.nan)
         values[index, place] = found.values
         found.values, found.shape = values, values.shape[1:]
-        first = np.concatenate([[True], new])
-        found.time = None if found.time is None else found.time[first]
+        found.time = None if found.time is None else found.time[np.concatenate([[True], new])]
         return found
 
     def _framed(self, found: Found) -> Found:
@@ -906,9 +830,6 @@ def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
     except (KeyError, ValueError):
         allowed = "whole numbers of both in the header"
         raise InputError(path, "rows, cols", ", ".join(said) or "nothing", allowed) from None
-    if (layout.rows or rows, layout.cols or cols) != (rows, cols):
-        allowed = f"{rows} and {cols}, as the file says"
-        raise InputError(path, "--rows, --cols", f"{layout.rows}, {layout.cols}", allowed)
     if (layout.part is None and len(parts) != 1) or (layout.part or 1) > len(parts):
         listed = ", ".join(f"{n} {part}" for n, part in enumerate(parts, 1)) or "none"
         raise InputError(path, "sensors", one_line(listed, 200), f"--part 1..{len(parts)}")
@@ -916,12 +837,12 @@ def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
     for n in parts[chosen]:
         kept[n] = lines[n].rstrip(" \t,;")
     found = Table(path, kept, replace(layout, rows=rows, cols=cols, header=False)).found()
-    found.order = "row by row, as the maker writes them"
+    found.shape, found.order = (rows, cols), "row by row, as the maker writes them"
     found.ignored = [f"sensor {part}" for part in parts if part != chosen]
-    if found.time is None and found.number is not None:
-        if step := re.match(r"[\d.,]+", said.get("seconds_per_frame", "")):
-            found.time, found.time_from = found.number * _decimal(step[0]), "seconds_per_frame"
-            found.time_unit = "s"
+    step = re.match(r"[\d.,]+", said.get("seconds_per_frame", ""))
+    if step and found.time is None and found.number is not None:
+        found.time, found.time_from = found.number * _decimal(step[0]), "seconds_per_frame"
+        found.time_unit = "s"
     found.area_mm2 = _area(said)
     found.scale(said.get("units", ""))
     return found
@@ -931,8 +852,9 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
     """Read a list of novel emed: pictures with numbers of rows and columns at their margins, and sums as Force."""
     frames: list[tuple[int, dict[tuple[int, int], float]]] = []
     columns: list[str] = []
-    sums: list[tuple[list[float], float]] = []
+    sums: list[tuple[float, float]] = []
     inside = False
+    head = ""
     for number, line in enumerate(lines, 1):
         cells = line.replace(",", ".").split()
         if match := _PICTURE.match(line):
@@ -940,19 +862,20 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
                 frames.append((int(match[1]), {}))
             columns, inside = [], True
         elif inside and not columns:
-            columns = cells if cells and all(re.fullmatch(r"[0-9]{1,5}|Force", c) for c in cells) else []
+            columns = cells if all(re.fullmatch(r"[0-9]{1,5}|Force", c) for c in cells) else []
         elif inside and cells and re.fullmatch(r"[0-9]{1,5}", cells[0]):
             if len(cells) != len(columns) + 1 or not all(map(_is, cells)):
-                raise InputError(
-                    path, f"line {number}", one_line(line, 40), f"a row and {len(columns)} values"
-                )
+                said = f"a row and {len(columns)} values"
+                raise InputError(path, f"line {number}", one_line(line, 40), said)
+            row, *values = map(float, cells)
+            frames[-1][1].update(
+                ((int(row), int(c)), v) for c, v in zip(columns, values, strict=True) if c != "Force"
+            )
             if columns[-1] == "Force":
-                sums.append(([float(cell) for cell in cells[1:-1]], float(cells[-1])))
-            for column, cell in zip(columns, cells[1:], strict=True):
-                if column != "Force":
-                    frames[-1][1][int(cells[0]), int(column)] = float(cell)
+                sums.append((sum(values[:-1]), values[-1]))
         elif columns:
             inside = False
+        head += "" if frames else line + " "
     places = np.array([at for _, frame in frames for at in frame])
     if not places.size:
         raise InputError(path, "pictures", 0, "a picture with numbers of rows and columns")
@@ -968,23 +891,17 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
     for n, (_, frame) in enumerate(frames):
         for (r, c), value in frame.items():
             values[n, r - low[0], c - low[1]] = value
-    head = " ".join(lines[: lines.index(next(line for line in lines if _PICTURE.match(line)))])
-    found = Found(
-        values, number=np.array([n for n, _ in frames], dtype=float), shape=(rows, cols), time_unit="s"
-    )
+    found = Found(values, number=np.array([n for n, _ in frames], dtype=float), shape=(rows, cols))
     found.order = f"by the numbers at the margins, rows from {low[0]} and columns from {low[1]}"
     found.ignored = ["Force"]
     if step := re.search(r"Time(?:/| per )picture:?\s*([\d.,]+)\s*(m?s)", head):
-        scale = 1e-3 if step[2] == "ms" else 1.0
-        found.time, found.time_from = (
-            found.number * _decimal(step[1]) * scale,
-            "time per picture",
-        )
+        found.time, found.time_from = found.number * _decimal(step[1]), "time per picture"
+        found.time_unit = step[2]
     if size := re.search(r"Sensor size\D*([\d.,]+)\s*(?:mm|cm)?\s*[x*]\s*([\d.,]+)\s*(mm|cm)", head):
         found.area_mm2 = math.prod(_decimal(side) * _MM[size[3]] for side in size.groups()[:2])
         # The margins have newtons, so they tell the unit of the values.
-        known = [(sum(values), force) for values, force in sums if force > 1]
-        unit_n = np.median([force / total for total, force in known]) / found.area_mm2 if known else 0.0
+        known = [force / total for total, force in sums if force > 1]
+        unit_n = np.median(known) / found.area_mm2 if known else 0.0
         factor = next((f for f in (1.0, 10.0) if abs(unit_n * 1e3 / f - 1) < _MARGIN), None)
         if factor is not None:
             found.values, found.unit = values * factor, "kpa"
@@ -993,14 +910,12 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
 
 def _area(said: dict[str, str]) -> float | None:
     """Return the area of a sensel in mm2 from the header of a maker."""
-    found = []
+    found = {}
     for key in ("row_spacing", "col_spacing", "sensel height", "sensel width", "sensel_area"):
-        number, unit = (
-            re.search(r"\d+([.,]\d+)?", said.get(key, "")),
-            re.search(r"[a-z]+", said.get(key, "").lower()),
-        )
+        text = said.get(key, "").lower()
+        number, unit = re.search(r"\d+([.,]\d+)?", text), re.search(r"[a-z]+", text)
         if number and unit and unit[0] in _MM:
-            found.append((key, _decimal(number[0]), _MM[unit[0]]))
-    if found and found[-1][0] == "sensel_area":
-        return found[-1][1] * found[-1][2] ** 2
-    return found[0][1] * found[0][2] * found[1][1] * found[1][2] if len(found) >= 2 else None
+            found[key] = _decimal(number[0]), _MM[unit[0]]
+    if "sensel_area" in found:
+        return found["sensel_area"][0] * found["sensel_area"][1] ** 2
+    return math.prod(side * mm for side, mm in [*found.values()][:2]) if len(found) >= 2 else None
