@@ -338,6 +338,8 @@ class Table:
         kept, block, labels, number = [], [], {}, 0
         known = dict(self.lines)
         first = min(known, default=len(lines) + 1)
+        # Blank lines part no frames that have labels: XSENSOR has one after every row.
+        labelled = sum(_LABEL.match(line) is not None for line in lines) > 1
         early = [line for line in self.head if _LABEL.match(line)][-1:] if known else []
         for n, line in [(0, line) for line in early] + list(enumerate(lines[first - 1 :], first)):
             label = _LABEL.match(line)
@@ -351,7 +353,7 @@ class Table:
                 kept.append((n, line))
                 block.append(number)
                 continue
-            number += bool(block) and block[-1] == number
+            number += bool(block) and block[-1] == number and (bool(label) or not labelled)
             if label:
                 stamp = _STAMP.search(label[2])
                 scale = 1e-3 if stamp and stamp[2] == "ms" else 1.0

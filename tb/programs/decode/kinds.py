@@ -211,7 +211,7 @@ def xsensor(order: str = "left right") -> str:
             lines += ["Sensel Height (cm),0.4", "SENSELS"]
             lines += [",".join(cells(row * (0.5 if part == "left" else 1))) + ",,," for row in frame]
         lines += ["GROUP,1", "Cells,2", "SENSELS", "1,2,,,,"]
-    return "\n".join(lines)
+    return "\n\n".join(lines)
 
 
 def emed() -> str:
