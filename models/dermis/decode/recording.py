@@ -26,7 +26,7 @@ from dermis.scene.stimulus import FILE_BYTES_MAX, VALUES_MAX, npy_array, npz_mem
 Floats = NDArray[np.float64]
 
 UNITS = ("codes", "newtons", "kpa", "ohm")
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 GAPS = ("keep", "refuse", "hold")
 """Values that are missing in some frames: kept as NaN, refused, or that of the frame before."""
 AXES = ("frames", "rows", "cols", "taxels")
@@ -37,8 +37,9 @@ _TIME_SPREAD = 0.5
 _WRAP = 2.0**32
 _MEMBERS = 64
 """Arrays of an npz file that are looked through; of more the name must be given."""
-# Between 0.1 and 1 a step without a unit may be seconds of a slow logger, or milliseconds of a fast one.
-_SECONDS_SURE = 0.1
+# Between 0.1 and 1 a step without a unit may be seconds of a slow logger, or milliseconds of a fast one; below 1e-5
+# days, as in a date of MATLAB.
+_SECONDS_SURE = 1e-5, 0.1
 _STAMPS = (("ns", 1e18, 1e9), ("us", 1e15, 1e6), ("ms", 1e12, 1e3), ("s", 1e9, 1e2))
 """Units of stamps since 1970, from 2001 to 2033, and the largest step: a clock since power-on has such numbers too."""
 
@@ -120,9 +121,8 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
         raise InputError(path, f"frame {n}, row {r}, column {c}", float(frames[n, r, c]), "a finite number")
     frames = _gaps(path, frames, layout.gaps)
     time_s, source = _times(path, found, len(frames), layout)
-    return Recording(
-        frames, time_s, ~absent, source, found.unit, found.area_mm2, found.order, tuple(found.ignored)
-    )
+    told = found.unit, found.area_mm2, found.order, tuple(found.ignored)
+    return Recording(frames, time_s, ~absent, source, *told)
 
 
 def _unpacked(path: Path, data: bytes) -> bytes:
@@ -216,9 +216,8 @@ def _chosen(path: Path, sets: dict[str, Any], layout: Layout) -> tuple[Any, Any,
         raise InputError(path, "--time-key", name, "a data set: " + ", ".join(list(numeric)[:10]))
     if name is None and layout.rate_hz is None:
         lengths = {n: i.size for n, i in numeric.items() if i.size == max(i.shape, default=0)}
-        timed = [
-            n for n, size in lengths.items() if text.is_time(n.split("/")[-1]) and size in numeric[key].shape
-        ]
+        fitting = [n for n, size in lengths.items() if size in numeric[key].shape]
+        timed = [n for n in fitting if text.is_time(n.split("/")[-1])]
         name = timed[0] if len(timed) == 1 else None
     return numeric[key], None if name is None else numeric[name], name
 
@@ -280,11 +279,9 @@ def _by_axes(path: Path, values: Floats, axes: tuple[str | int, ...]) -> Floats:
 
 def _frames_first(path: Path, values: Floats, found: Found, layout: Layout) -> Floats:
     """Return an array with its frames on the first axis, where it is known which axis that is."""
-    shape, size = values.shape, (layout.rows, layout.cols)
-    taxels = layout.size
-    ask = InputError(
-        path, "shape", list(shape), "--axes as in frames,rows,cols or taxels,frames or frames,0,rows,cols"
-    )
+    shape, size, taxels = values.shape, (layout.rows, layout.cols), layout.size
+    allowed = "--axes as in frames,rows,cols or taxels,frames or frames,0,rows,cols"
+    ask = InputError(path, "shape", list(shape), allowed)
     # The times of a file tell the axis of the frames, if only one has so many.
     timed = found.time is not None and shape.count(found.time.size) == 1
     last = timed and shape[-1] == found.time.size
@@ -346,9 +343,8 @@ def _split(path: Path, values: Floats, layout: Layout, by_line: bool) -> Floats:
         rows = cols = round(count**0.5)
         # 32 values or fewer are as likely a row.
         if not by_line and (len(values) % count == 0 or (len(values) > 1 and 1 < count <= 32)):
-            question = (
-                f"--rows {rows} --cols {cols} if a line is a frame, --cols {count} and --rows if it is a row"
-            )
+            a_row = f"--cols {count} and --rows if it is a row"
+            question = f"--rows {rows} --cols {cols} if a line is a frame, {a_row}"
             raise InputError(path, "shape", list(values.shape), question)
         if count > 1:
             warn(path, f"{count} taxels taken as {rows} x {cols}; --rows and --cols otherwise")
@@ -358,9 +354,7 @@ def _split(path: Path, values: Floats, layout: Layout, by_line: bool) -> Floats:
         cols = count // rows
     if rows is None or cols is None:
         raise InputError(path, "columns", f"{count} taxels", allowed)
-    if count == rows * cols:
-        return values.reshape(-1, rows, cols)
-    if count == cols and len(values) % rows == 0:
+    if count == rows * cols or (count == cols and len(values) % rows == 0):
         return values.reshape(-1, rows, cols)
     raise InputError(path, "columns", f"{count} taxels", f"{rows * cols}, as --rows {rows} --cols {cols} say")
 
@@ -381,12 +375,10 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         return np.zeros(1), "a single frame"
     if time is None:
         raise InputError(path, "time", "not in the file", "--rate in frames a second, or --time-key")
+    if found.values.ndim == 2 and time.size == len(found.values) and time.size % frames == 0:
+        time = time[:: time.size // frames]  # a time a line
     if time.size != frames:
-        lines = found.values.ndim == 2 and time.size == len(found.values)
-        if lines and time.size % frames == 0:
-            time = time[:: time.size // frames]
-        else:
-            raise InputError(path, "time", f"{time.size} times", f"{frames}, one a frame; or --rate")
+        raise InputError(path, "time", f"{time.size} times", f"{frames}, one a frame; or --rate")
     time = time.ravel().copy()
     if np.isnan(time).any():
         known = np.isfinite(time)
@@ -412,7 +404,8 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
     if unit is None:
         first = time[0] + found.start
         unit = next((u for u, least, most in _STAMPS if least < first < 2 * least and median < most), None)
-        unit = "s" if unit is None and median < _SECONDS_SURE else unit
+        if unit is None and _SECONDS_SURE[0] < median < _SECONDS_SURE[1]:
+            unit = None if text.asks_unit(found.time_from) else "s"
     if unit is None:
         raise InputError(path, "time", f"steps of {median:g}", "--time-unit " + ", ".join(TIME_UNITS))
     lost = (np.abs(step / median - 1) > _TIME_SPREAD) & (step > 0)

@@ -52,10 +52,10 @@ def read(path: Path, layout: Layout) -> Found:
                 raise InputError(path, f"message {len(frames)} of {topic}", shape, allowed)
             if (total := total + frame.size) > VALUES_MAX:
                 raise InputError(path, topic, "more values", f"at most {VALUES_MAX} values in all")
-            stamp = getattr(getattr(message, "header", None), "stamp", None)
+            stamp = getattr(getattr(message, "header", message), "stamp", None)
             frames.append(frame)
             received.append(moment)
-            stamps.append(0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec)
+            stamps.append(stamp.sec * 10**9 + stamp.nanosec if hasattr(stamp, "nanosec") else 0)
     values, told = np.stack(frames).astype(float), all(stamps) and len({*stamps}) > 1
     time, source = (stamps, "stamps of the headers") if told else (received, "times of reception")
     order = sorted(range(len(time)), key=time.__getitem__)
@@ -126,9 +126,7 @@ def _image(path: Path, said: Mapping[str, Any]) -> NDArray:
     """Return an image as [rows, cols], or [rows, cols, channels] if it has several; rows may end in padding."""
     match = _ENCODING.fullmatch(said["encoding"])
     if match is None:
-        raise InputError(
-            path, "encoding", said["encoding"], "mono8, mono16, or 8UC1 to 64FC1: a number a pixel"
-        )
+        raise InputError(path, "encoding", said["encoding"], "mono8, mono16, or 8UC1 to 64FC1")
     bits, kind, channels = int(match[1]), _TYPES[match[2]], int(match[3] or 1)
     order, width = ">" if said["is_bigendian"] else "<", said["width"] * channels
     rows, step, data = said["height"], said["step"], np.asarray(said["data"], np.uint8)

@@ -23,14 +23,16 @@ from dermis.scene.stimulus import VALUES_MAX
 
 Floats = NDArray[np.float64]
 
-_TIME = re.compile(
-    r"[%#]?(.*[./ _])?(time|t|ts|stamp|timestamp|elapsed|zeit|(nano|micro|milli)?seconds?|[nmu]?s(ecs?)?)([ _.\[(].*)?",
-    re.IGNORECASE,
-)
+_WORDS = r"time|t|ts|stamp|timestamp|elapsed|zeit|(nano|micro|milli)?seconds?|minutes|hours|[nmu]?s(ecs?)?"
+_CLOCKED = rf"[%#]?(.*[./ _])?({_WORDS})"
+_TIME = re.compile(_CLOCKED + r"([ _.\[(].*)?", re.IGNORECASE)
+_BARE_TIME = re.compile(_CLOCKED, re.IGNORECASE)
 _TIME_UNIT = re.compile(
-    r"(?:.*[^a-zµμ])?(?:(n)(?:s|secs?|anos?|anosecs?|anoseconds?)|([uµμ])(?:s|secs?)|(micro)s?(?:ec|econd)?s?|"
-    r"(m)(?:s|secs?|illis?|illisecs?|illiseconds?)|(s)(?:ecs?|econds?)?)[\])]?"
+    r"(?:.*[^a-zµμ])?(?:(?P<ns>n)(?:s|secs?|anos?|anosecs?|anoseconds?)|(?P<us>[uµμ](?:s|secs?)|micros?(?:ec|econd)?s?)|"
+    r"(?P<ms>m)(?:s|secs?|illis?|illisecs?|illiseconds?)|(?P<s>s)(?:ecs?|econds?)?|(?P<min>min)(?:s|utes?)?|"
+    r"(?P<h>h)(?:rs?|ours?)?|(?P<d>d)(?:ays?)?)[\])]?"
 )
+_NUMBER = r"((?:\d+[.,]?\d*|(?<![\w)])[.,]\d+)(?:[eE][-+]?\d+)?)"
 _OTHER = re.compile(
     r"(sum|tot|cop|cent|flag|stat|imu|acc|gyro|mag|quat|temp|seq|ind|idx|id$|frame|count|no$|nr$|n$|unnamed|crc|area|peak|"
     r"max|min|mean|av|std|label|date|volt|batt|sync|trig|event|header|row$|col)",
@@ -47,7 +49,7 @@ _EMPTY = {"", "-", "--", "null", "none", "nan", "na", "n/a", "#n/a", "nil", "mis
 """Cells without a value; Tekscan writes B where there is no sensel."""
 _LABEL = re.compile(r"[\W_]*frame\b[\W_]*(\d{1,9})(.*)", re.IGNORECASE)
 _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-_STAMP = re.compile(r"(\d+[.,]?\d*)\s*(m?s)(ec\w*)?\b")
+_STAMP = re.compile(_NUMBER + r"\s*(m?s)(ec\w*)?\b")
 """Seconds or milliseconds in the label of a frame."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
 # Forces of 1 N have two digits behind the point.
@@ -57,7 +59,7 @@ _NUMBERS_SURE = 16
 
 KPA = {
     "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mbar": 0.1, "bar": 100.0, "mpa": 1e3, "psi": 6.894757293, "mmhg": 0.1333223874,
-    "n/cm2": 10.0, "n/mm2": 1e3, "kg/cm2": 98.0665, "kgf/cm2": 98.0665, "g/cm2": 0.0980665,
+    "n/cm2": 10.0, "n/mm2": 1e3, "kg/cm2": 98.0665, "lbf/in2": 6.894757293, "kgf/cm2": 98.0665, "g/cm2": 0.0980665,
 }  # fmt: skip
 """kPa of a unit of pressure."""
 NEWTONS = {
@@ -270,8 +272,12 @@ def _parted(name: str) -> str:
 def time_unit_of(name: str) -> str | None:
     """Return the unit that the name of a time has, as in time_ms and Time [us]."""
     match = _TIME_UNIT.fullmatch(_parted(name).lower())
-    n, u, micro, m, s = match.groups() if match else [None] * 5
-    return "ns" if n else "us" if u or micro else "ms" if m else "s" if s else None
+    return match.lastgroup if match else None
+
+
+def asks_unit(name: str) -> bool:
+    """Return True for the name of a time with more words, which may be a unit."""
+    return is_time(name) and not (_BARE_TIME.fullmatch(name) or _BARE_TIME.fullmatch(_parted(name)))
 
 
 def is_time(name: str) -> bool:
@@ -288,7 +294,8 @@ class Table:
     def __init__(self, path: Path, lines: list[str], layout: Layout) -> None:
         self.path, self.layout = path, layout
         filled = [(n, line) for n, line in enumerate(lines, 1) if line.strip(" \t,;")]
-        self.mark = _mark_of(filled[-1][1]) if filled else None
+        data = [line for _, line in filled if not line.lstrip().startswith(("#", "%"))]
+        self.mark = _mark_of(data[-1]) if data else None
         start = next((k for k, (_, line) in enumerate(filled) if self._starts(line)), len(filled))
         self.head, self.lines = [line for _, line in filled[:start]], filled[start:]
         self.block, self.label = self._blocks(lines)
@@ -324,10 +331,9 @@ class Table:
         cells = _bare(cells_of(line, self.mark))
         if line.lstrip().startswith(("#", "%")) or _LABEL.match(line):
             return False
-        good = sum(_is(cell) and cell != "" for cell in cells)
-        return good > sum(cell != "" for cell in cells) / 2 or (
-            good > 0 and any(_is(c, _stamp) for c in cells)
-        )
+        filled = [cell for cell in cells if cell]
+        good = sum(map(_is, filled))
+        return good > len(filled) / 2 or (good > 0 and any(_is(c, _stamp) for c in filled))
 
     def _cells(self, line: str) -> list[str]:
         cells = _bare(cells_of(line, self.mark))
@@ -372,9 +378,16 @@ class Table:
                 lists.append((start, k - start + 1))
                 start = None
         plain = self._cells(self.lines[0][1])
+        units: list[str] = []
         for head in reversed(self.head):
             names = cells_of(head.lstrip("# "), self.mark)
             if len(names) in (width, len(plain)) and len(names) > 1:
+                if not any(map(str.isdigit, "".join(names))) and not units and head != self.head[0]:
+                    units = names  # or names without numbers; known by the line above
+                    continue
+                if len(units) == len(names):
+                    pairs = zip(names, _bare(units), strict=True)
+                    names = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
                 return self._trimmed(names, width)
             # A list in one column, as ROS tools write arrays.
             for k, count in lists:
@@ -439,16 +452,13 @@ class Table:
         layout = self.layout
         chosen = self._chosen()
         keys = self._times(chosen)
-        row_key = frame_key = None
-        if self.names:
-            order, columns, shape, by_line = self._by_names(chosen, keys)
-            if not by_line:
-                lower = [name.lower() for name in self.names]
-                row_key = next((lower.index(w) for w in ("row", "r") if w in lower), None)
-                number = next((w for w in ("frame", "frame_id", "sample") if w in lower), None)
-                frame_key = None if number is None else lower.index(number)
-        else:
-            order, columns, shape, by_line = self._unnamed(chosen, keys)
+        placed = self._by_names if self.names else self._unnamed
+        order, columns, shape, by_line = placed(chosen, keys)
+        lower = [] if by_line else [name.lower() for name in self.names]
+        row_key, frame_key = (
+            next((lower.index(w) for w in words if w in lower), None)
+            for words in (("row", "r"), ("frame", "frame_id", "sample"))
+        )
         extra = [k for k in (row_key, frame_key) if k is not None]
         _bounded(self.path, self.count * len(columns))
         table, moments = self._parsed([*extra, *(c for c in columns if c is not None)], keys)
@@ -469,7 +479,8 @@ class Table:
             found.time_from = " and ".join(said[k] for k in keys)
             self._timed(found, moments, keys)
         stated = re.search(r"pressure values in\s+(\S+)", "\n".join(self.head), re.IGNORECASE)
-        if stated is not None:
+        name = self.names[next(k for k in columns if k is not None)] if self.names else ""
+        if stated := stated or re.search(r"[\[(]([^\])]+)[\])]$", name):
             found.scale(stated[1])
         self._counters(out)
         if row_key is not None:
@@ -479,16 +490,12 @@ class Table:
     def _chosen(self) -> list[int] | None:
         """Return the columns that options name for taxels."""
         layout = self.layout
-        if layout.taxels is not None:
-            low, high = layout.taxels
-            if high >= self.width:
-                raise self._ask("--taxels", f"{low}..{high}", f"columns 0..{self.width - 1}")
-            return list(range(low, high + 1))
-        if layout.skip is None:
+        if layout.taxels is None and layout.skip is None:
             return None
-        if layout.skip >= self.width:
-            raise self._ask("--skip", layout.skip, f"less than the {self.width} columns")
-        return list(range(layout.skip, self.width))
+        low, high = layout.taxels or (layout.skip or 0, self.width - 1)
+        if not low <= high < self.width:
+            raise self._ask("--taxels or --skip", f"{low}..{high}", f"columns 0..{self.width - 1}")
+        return list(range(low, high + 1))
 
     def _times(self, chosen: list[int] | None) -> list[int]:
         """Return the column of the time, or those of seconds and nanoseconds."""
@@ -603,9 +610,7 @@ class Table:
                 return numbers - (most == size), size, True
             lost = sorted(set(range(most + 1)) - set(numbers.tolist()) - {0})
             said = f"{count} names as {first}, {f'not {lost[0]}' if lost else f'from {low}'}"
-            raise self._unclear(
-                said, "numbers from 0 or 1 without a gap, --rows and --cols with the last one"
-            )
+            raise self._unclear(said, "numbers from 0 or 1 without a gap, --rows and --cols of all")
         # A data frame of rows names its columns by numbers.
         fits = count == self.layout.cols
         a_row = count != size and (word in COL or (first.isdigit() and fits))
@@ -631,9 +636,7 @@ class Table:
             frames = len(set(self.block.tolist())) > 1 and len(self.lines) > self.block[-1] + 1
             good = square(len(left)) or frames or (bool(rows or cols) and len(left) % (rows or cols) == 0)
         if not left or not good:
-            allowed = (
-                "--rows and --cols; --skip N, --taxels FIRST..LAST for those that are taxels; --time-key N"
-            )
+            allowed = "--rows and --cols; --skip N, --taxels FIRST..LAST for the taxels; --time-key N"
             raise self._ask("columns", f"{len(left)} without names", allowed)
         return "row by row, as in the file", left, None, bool(keys)
 
@@ -700,9 +703,7 @@ class Table:
 
     def _counters(self, out: list[int]) -> None:
         """Warn of lost numbers in a counter of frames."""
-        counter = re.compile(
-            r"(.*[._ /])?(seq|frame|frame_?(no|nr|number|id)|counter|sample|index|idx)", re.I
-        )
+        counter = re.compile(r"(.*[._ /])?(seq|frame(_?(no|nr|number|id))?|counter|sample|index|idx)", re.I)
         for k in out if self.names else ():
             column = self._column(k) if counter.fullmatch(self.names[k]) else [""]
             if all(re.fullmatch(r"\d+", c) for c in column):
@@ -841,7 +842,7 @@ def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
     found = Table(path, kept, replace(layout, rows=rows, cols=cols, header=False)).found()
     found.shape, found.order = (rows, cols), "row by row, as the maker writes them"
     found.ignored = [f"sensor {part}" for part in parts if part != chosen]
-    step = re.match(r"[\d.,]+", said.get("seconds_per_frame", ""))
+    step = re.match(_NUMBER, said.get("seconds_per_frame", ""))
     if step and found.time is None and found.number is not None:
         found.time, found.time_from = found.number * _decimal(step[0]), "seconds_per_frame"
         found.time_unit = "s"
@@ -870,11 +871,11 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
                 said = f"a row and {len(columns)} values"
                 raise InputError(path, f"line {number}", one_line(line, 40), said)
             row, *values = map(float, cells)
-            frames[-1][1].update(
-                ((int(row), int(c)), v) for c, v in zip(columns, values, strict=True) if c != "Force"
-            )
-            if columns[-1] == "Force":
-                sums.append((sum(values[:-1]), values[-1]))
+            for column, value in zip(columns, values, strict=True):
+                if column == "Force":
+                    sums.append((sum(values[:-1]), value))
+                else:
+                    frames[-1][1][int(row), int(column)] = value
         elif columns:
             inside = False
         head += "" if frames else line + " "
@@ -896,10 +897,10 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
     found = Found(values, number=np.array([n for n, _ in frames], dtype=float), shape=(rows, cols))
     found.order = f"by the numbers at the margins, rows from {low[0]} and columns from {low[1]}"
     found.ignored = ["Force"]
-    if step := re.search(r"Time(?:/| per )picture:?\s*([\d.,]+)\s*(m?s)", head):
+    if step := re.search(rf"Time(?:/| per )picture:?\s*{_NUMBER}\s*(m?s)", head):
         found.time, found.time_from = found.number * _decimal(step[1]), "time per picture"
         found.time_unit = step[2]
-    if size := re.search(r"Sensor size\D*([\d.,]+)\s*(?:mm|cm)?\s*[x*]\s*([\d.,]+)\s*(mm|cm)", head):
+    if size := re.search(rf"Sensor size\D*{_NUMBER}\s*(?:mm|cm)?\s*[x*]\s*{_NUMBER}\s*(mm|cm)", head):
         found.area_mm2 = math.prod(_decimal(side) * _MM[size[3]] for side in size.groups()[:2])
         # The margins have newtons, so they tell the unit of the values.
         known = [force / total for total, force in sums if force > 1]
@@ -915,7 +916,7 @@ def _area(said: dict[str, str]) -> float | None:
     found = {}
     for key in ("row_spacing", "col_spacing", "sensel height", "sensel width", "sensel_area"):
         text = said.get(key, "").lower()
-        number, unit = re.search(r"\d+([.,]\d+)?", text), re.search(r"[a-z]+", text)
+        number, unit = re.search(_NUMBER, text), re.search(r"[a-z]+", re.sub(_NUMBER, "", text))
         if number and unit and unit[0] in _MM:
             found[key] = _decimal(number[0]), _MM[unit[0]]
     if "sensel_area" in found:

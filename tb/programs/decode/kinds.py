@@ -15,6 +15,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import scipy.io
@@ -288,6 +289,13 @@ def columns(name: Callable[[int, int], str], order: str = "C") -> dict[str, Floa
     return {name(*at): FRAMES[:, *at] for at in places}
 
 
+def levels(path: Path) -> None:
+    """Write a table of pandas with rows and columns as two levels of names, and times as its index."""
+    names = pd.MultiIndex.from_product([[f"r{r}" for r in range(ROWS)], [f"c{c}" for c in range(COLS)]])
+    index = pd.to_datetime(STAMPS, unit="ns")
+    pd.DataFrame(FRAMES.reshape(COUNT, -1), columns=names, index=index).to_parquet(path)
+
+
 LISTS = {"stamp": pa.array(STAMPS, pa.timestamp("ns")), "data": [frame.ravel().tolist() for frame in FRAMES]}
 
 # ---- bags
@@ -295,6 +303,9 @@ LISTS = {"stamp": pa.array(STAMPS, pa.timestamp("ns")), "data": [frame.ravel().t
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TOUCH = "std_msgs/Header header\nuint16 rows\nuint16 cols\nfloat32[] force\nfloat32[] low"
 STORE.register(get_types_from_msg(TOUCH, "skin/msg/Touch"))
+STORE.register(get_types_from_msg("builtin_interfaces/Time stamp\nfloat32[24] force", "skin/msg/Stamped"))
+LISTED_FIELDS = "std_msgs/Header header\nsensor_msgs/ChannelFloat32[] sensors"
+STORE.register(get_types_from_msg(LISTED_FIELDS, "skin/msg/Listed"))
 T = STORE.types
 WHOLE = np.floor(FRAMES * 100)
 
@@ -363,12 +374,33 @@ def images(made: Callable[[Floats], NDArray[Any]], encoding: str, pad: int = 0) 
 
 SINGLE = FRAMES.astype(np.float32).astype(float)
 FLOATS = arrays("Float32", lambda f: f.astype("f4").ravel())
-DOUBLES = arrays("Float64", np.ravel, [("rows", 4, 24), ("cols", 6, 6)])
+DIMS = [("rows", 4, 24), ("cols", 6, 6)]
+DOUBLES = arrays("Float64", np.ravel, DIMS)
 TURNED = arrays("Int32", lambda f: f.T.astype("i4").ravel(), [("cols", 6, 24), ("rows", 4, 4)])
 SHEAR = images(lambda f: np.stack([0 * f, f, f + 1], 2).astype("<f4"), "32FC3")
 BIG = images(lambda f: f.astype(">u2"), "16UC1", 4)
 LATER = BIG[0], [*BIG[1][:4], BIG[1][5], BIG[1][4], *BIG[1][6:]]
 OWN = "skin/msg/Touch", [touch(ns, f) for ns, f in zip(STAMPS, FRAMES, strict=True)]
+
+
+STAMPED = (
+    "skin/msg/Stamped",
+    [
+        T["skin/msg/Stamped"](
+            T["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9), f.astype("f4").ravel()
+        )
+        for ns, f in zip(STAMPS, FRAMES, strict=True)
+    ],
+)
+LISTED = (
+    "skin/msg/Listed",
+    [
+        T["skin/msg/Listed"](
+            header(ns), [T["sensor_msgs/msg/ChannelFloat32"]("palm", f.astype("f4").ravel())]
+        )
+        for ns, f in zip(STAMPS, FRAMES, strict=True)
+    ],
+)
 
 
 def padded(frame: Floats) -> NDArray[np.int16]:
@@ -389,7 +421,7 @@ def csv(
 ) -> Case:
     """Return the case of a csv of a known size."""
     return Case(
-        "a.csv", table(name, lead, **of), SIZE if "time" in " ".join(lead) else SIZE | RATE, asks=asks
+        "a.csv", table(name, lead, **of), SIZE if "time" in " ".join(lead).lower() else SIZE | RATE, asks=asks
     )
 
 
@@ -403,6 +435,8 @@ PSI = 101.325 / 14.69595
 MMHG = 101.325 / 760
 WIDE = np.arange(5.0 * 256).reshape(5, 8, 32)
 HANDS = np.stack([0 * FRAMES, FRAMES], 1)
+UNITS = ",".join(["ms"] + ["psi"] * ROWS * COLS)
+WITH_UNITS = table(flat, {"time": seconds(1e3)}).replace("\n", f"\n{UNITS}\n", 1)
 INDEX = {"": [str(n) for n in range(COUNT)]}
 SUM = {"sum": ["7"] * COUNT, "time": seconds()}
 IMU = {"imu_0": ["5"] * COUNT, "imu_1": ["6"] * COUNT}
@@ -433,6 +467,12 @@ CASES: dict[str, Case] = {
     "sec and nanosec": Case("a.csv", table(flat, PAIR), SIZE),
     "a counter that wraps": Case("a.csv", table(flat, WRAPPED), SIZE, says="2^32"),
     "a clock since power-on": csv(flat, {"timestamp": seconds(1e6, 1.5e9)}, "--time-unit"),
+    "time in minutes": csv(flat, {"Time [min]": seconds(1 / 60)}),
+    "time in hours": csv(flat, {"time_h": seconds(1 / 3600)}),
+    "time in an unknown unit": csv(flat, {"time [ks]": seconds(1e-3)}, "--time-unit"),
+    "time in days": csv(flat, {"time": seconds(1 / 86400)}, "--time-unit"),
+    "a line of units": Case("a.csv", WITH_UNITS, SIZE, FRAMES * PSI, unit="kpa"),
+    "a comment at the end": Case("a.csv", table(flat, {"time": seconds()}) + "# end of file\n", SIZE),
     "a first column that rises": Case("a.csv", table(None, {"": seconds(0.5)}), SIZE, asks="--time-key"),
     "decimal commas and dotted dates": csv(flat, {"time": DATES}, mark=";", point=","),
     # Frames of several lines, missing cells.
@@ -476,6 +516,13 @@ CASES: dict[str, Case] = {
         area_mm2=25.0,
         says="1 frames are lost",
     ),
+    "Tekscan, exponents": Case(
+        "a.asf",
+        tekscan("KPa", "5.0e-1 cm", "Frame {n}").replace("FRAME 0.02", "FRAME 2.0E-02"),
+        {},
+        NO_SENSEL,
+        **KPA25,
+    ),
     "XSENSOR, two sensors": Case("a.csv", xsensor(), {}, asks="--part"),
     "XSENSOR, one of two": Case("a.csv", xsensor(), {"part": 2}, FRAMES * MMHG, None, "kpa", 20.0),
     "novel emed": Case("a.lst", emed().encode("latin-1"), {}, **KPA25),
@@ -502,6 +549,7 @@ CASES: dict[str, Case] = {
         parquet({"t": TIME, **columns(lambda r, c: f"p{r * COLS + c + (r == 3) * 5}")}),
         asks="--taxels",
     ),
+    "Parquet of pandas, two levels of names": Case("a.parquet", levels),
     # ROS 2 bags.
     "mcap, Float32MultiArray": Case("a", bag({"/skin": FLOATS}), SIZE, SINGLE),
     "sqlite3, Float64MultiArray": Case("a", bag({"/skin": DOUBLES}, "sqlite3")),
@@ -537,6 +585,14 @@ CASES: dict[str, Case] = {
     "one of two topics": Case("a", bag({"/skin": DOUBLES, "/other": FLOATS}), {"key": "/skin"}),
     "a field of an own message": Case(
         "a", bag({"/skin": OWN}, received=LATE), {"key": "/skin.force"}, SINGLE
+    ),
+    "a stamp without a header": Case("a", bag({"/skin": STAMPED}, received=LATE), SIZE, SINGLE),
+    "a list of messages": Case("a", bag({"/skin": LISTED}), SIZE, SINGLE),
+    "two frames in a message": Case(
+        "a",
+        bag({"/skin": arrays("Float64", lambda f: np.r_[f, f].ravel(), DIMS)}),
+        {"key": "/skin"},
+        asks="--rows",
     ),
     "sorted by stamps": Case("a", bag({"/skin": LATER}), {}, WHOLE, says="sorted by their stamps"),
 }
