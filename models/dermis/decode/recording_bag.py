@@ -17,12 +17,10 @@ from dermis.decode.recording_text import COL, ROW, Found, Layout, warn
 from dermis.errors import InputError, optional
 from dermis.scene.stimulus import VALUES_MAX
 
-SUFFIXES = (".mcap", ".db3")
-"""A bag is a file with one of these suffixes, or a directory."""
+SUFFIXES = (".mcap", ".db3")  # or a directory
 _ENCODING = re.compile(r"(?:mono|(?=\d+[USF]C))(8|16|32|64)(?:([USF])C(\d*))?")
 _TYPES = {"U": "u", "S": "i", "F": "f", None: "u"}
-_LISTED = 64
-"""Elements of a list of messages that are looked through."""
+_LISTED = 64  # elements of a list of messages that are looked through
 
 
 def read(path: Path, layout: Layout) -> Found:
@@ -56,7 +54,10 @@ def read(path: Path, layout: Layout) -> Found:
             frames.append(frame)
             received.append(moment)
             stamps.append(stamp.sec * 10**9 + stamp.nanosec if hasattr(stamp, "nanosec") else 0)
-    values, told = np.stack(frames).astype(float), all(stamps) and len({*stamps}) > 1
+    if layout.time_key not in (None, "reception"):
+        raise InputError(path, "--time-key", layout.time_key, "reception, for a bag; else the stamps")
+    values = np.stack(frames).astype(float)
+    told = layout.time_key is None and all(stamps) and len({*stamps}) > 1
     time, source = (stamps, "stamps of the headers") if told else (received, "times of reception")
     order = sorted(range(len(time)), key=time.__getitem__)
     if order != list(range(len(time))):

@@ -752,24 +752,24 @@ class Table:
             found.by_line = found.by_line or width == layout.size or (len(heights) > 1 and height == 1)
             if not found.by_line and layout.rows and layout.cols == width and lines > layout.rows:
                 warn(self.path, "nothing parts the frames: a lost line would shift all later ones")
-            return found
-        if layout.rows and layout.cols == width and layout.rows in heights:
-            height, blocks = layout.rows, len(heights)
-        said = f"{height} lines of {width} values"
-        if (layout.rows or height, layout.cols or width) != (height, width) or 2 * blocks <= len(heights):
-            raise self._ask("blocks", said, "frames of --rows and --cols, with as many lines")
-        if square(width) and width != height and not layout.rows and width >= 36:
-            raise self._ask("blocks", said, "--rows and --cols of a frame")
-        whole = heights == height
-        for n in np.flatnonzero(~whole):
-            name = self.label[n][0] if n in self.label else n
-            warn(self.path, f"frame {name} has {heights[n]} of {height} lines: missing as a whole")
-        values = np.full((len(heights), height, width), np.nan)
-        values[whole] = found.values[whole[self.block]].reshape(-1, height, width)
-        found.values, found.shape = values, (height, width)
-        if found.time is not None:
-            found.time = found.time[np.searchsorted(self.block, np.arange(len(heights)))]
-        if len(self.label) == len(heights):
+        else:
+            if layout.rows and layout.cols == width and layout.rows in heights:
+                height, blocks = layout.rows, len(heights)
+            said = f"{height} lines of {width} values"
+            if (layout.rows or height, layout.cols or width) != (height, width) or 2 * blocks <= len(heights):
+                raise self._ask("blocks", said, "frames of --rows and --cols, with as many lines")
+            if square(width) and width != height and not layout.rows and width >= 36:
+                raise self._ask("blocks", said, "--rows and --cols of a frame")
+            whole = heights == height
+            for n in np.flatnonzero(~whole):
+                name = self.label[n][0] if n in self.label else n
+                warn(self.path, f"frame {name} has {heights[n]} of {height} lines: missing as a whole")
+            values = np.full((len(heights), height, width), np.nan)
+            values[whole] = found.values[whole[self.block]].reshape(-1, height, width)
+            found.values, found.shape = values, (height, width)
+            if found.time is not None:
+                found.time = found.time[np.searchsorted(self.block, np.arange(len(heights)))]
+        if len(self.label) == len(heights) == len(found.values):
             found.number, time = np.array([self.label[n] for n in range(len(heights))], dtype=float).T
             if found.time is None and np.isfinite(time).all():
                 found.time, found.time_unit = past_midnight(time), "s"

@@ -435,6 +435,8 @@ PSI = 101.325 / 14.69595
 MMHG = 101.325 / 760
 WIDE = np.arange(5.0 * 256).reshape(5, 8, 32)
 HANDS = np.stack([0 * FRAMES, FRAMES], 1)
+LINES = [f"Frame {n}\n" + ",".join(cells(f.ravel())) for n, f in enumerate(FRAMES)]
+LINES_LOST = "\n".join(LINES[:4] + LINES[5:])
 UNITS = ",".join(["ms"] + ["psi"] * ROWS * COLS)
 WITH_UNITS = table(flat, {"time": seconds(1e3)}).replace("\n", f"\n{UNITS}\n", 1)
 INDEX = {"": [str(n) for n in range(COUNT)]}
@@ -481,6 +483,14 @@ CASES: dict[str, Case] = {
     ),
     "comments, lost rows": Case("a.csv", blocks("# frame {n}", [(7, 3)]), RATE, without([7])),
     "labels with times": Case("a.csv", blocks("Frame {n} ({t:.2f} s)"), SIZE),
+    "labels of frames of a line, one lost": Case(
+        "a.csv",
+        LINES_LOST,
+        SIZE | RATE,
+        np.delete(FRAMES, 4, 0),
+        np.delete(TIME, 4),
+        says="1 frames are lost",
+    ),
     "its own output": Case("a.csv", OWN_OUTPUT),
     "missing cell nan": Case("a.csv", gap("nan"), SIZE, without(cell=(3, 0, 5))),
     "missing cell empty": Case("a.csv", gap(""), SIZE, without(cell=(3, 0, 5))),
@@ -585,6 +595,13 @@ CASES: dict[str, Case] = {
     "one of two topics": Case("a", bag({"/skin": DOUBLES, "/other": FLOATS}), {"key": "/skin"}),
     "a field of an own message": Case(
         "a", bag({"/skin": OWN}, received=LATE), {"key": "/skin.force"}, SINGLE
+    ),
+    "times of reception": Case(
+        "a",
+        bag({"/skin": BIG}, received=LATE),
+        {"time_key": "reception"},
+        WHOLE,
+        (np.array(LATE) - LATE[0]) * 1e-9,
     ),
     "a stamp without a header": Case("a", bag({"/skin": STAMPED}, received=LATE), SIZE, SINGLE),
     "a list of messages": Case("a", bag({"/skin": LISTED}), SIZE, SINGLE),
