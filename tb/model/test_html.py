@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
@@ -74,6 +75,24 @@ def test_page_of_a_run_says_what_happened_and_asks_nothing_of_a_network(run: Pat
     assert "3 lsb (at most 1)" in lead
     assert text.count(base64.b64encode((run / "frame.png").read_bytes()).decode()) == 1
     assert lead.count("<img") == 1
+
+
+def test_maps_of_a_command_are_on_its_first_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verdict, "WRITTEN", [])
+    monkeypatch.setattr(output, "MAPS", [("an earlier map", np.ones((2, 2)), "N")])
+
+    def command() -> int:
+        verdict.WRITTEN.append(("read", ROWS))
+        output.MAPS.append(("frame 7", np.array([[0.5, np.nan, 2.0]]), "N"))
+        return 0
+
+    assert html.reporting("read", tmp_path / "page.html", command) == 0
+    text = (tmp_path / "page.html").read_text()
+    lead = text[text.index('<div class="lead">') : text.index("<h2>Verdicts")]
+    assert "frame 7, 0 to 2 N" in lead
+    assert 'title="row 0, column 1: no value"' in lead
+    assert 'title="row 0, column 2: 2 N"' in lead
+    assert "an earlier map" not in text
 
 
 def test_the_row_nearest_to_its_limit_is_the_first_to_look_at() -> None:

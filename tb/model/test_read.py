@@ -18,7 +18,7 @@ from dermis.decode import recording
 from dermis.decode.calibration import Calibration
 from dermis.decode.recording import Layout
 from dermis.errors import InputError
-from dermis.report import read, verdict
+from dermis.report import output, read, verdict
 from dermis.scene.design import ROOT
 from dermis.skin import Skin
 
@@ -246,6 +246,23 @@ def test_a_mask_and_hdf5(tmp_path: Path) -> None:
     assert not (tmp_path / "out/forces.h5").exists()
 
 
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_bag_of_its_own_is_read_back(tmp_path: Path, storage: str) -> None:
+    mask = np.arange(24).reshape(4, 6) != 8
+    np.save(tmp_path / "touch.npy", FRAMES)
+    np.save(tmp_path / "mask.npy", mask)
+    base = [str(tmp_path / "touch.npy"), "--unit", "newtons", "--rate", "50", "--out", str(tmp_path / "out")]
+    assert run(*base, "--mask", str(tmp_path / "mask.npy"), "--bag", storage)[0] == 0
+    found = recording.load(tmp_path / "out/forces_bag", Layout(key="/dermis/force_n"))
+    assert (found.values == np.load(tmp_path / "out/forces_n.npy")).all()
+    assert (found.present == mask).all()
+    # Whole nanoseconds.
+    assert found.time_s == pytest.approx(0.02 * np.arange(7), abs=1e-9)
+    # A second run without --bag leaves no bag of the first one.
+    run(*base)
+    assert not (tmp_path / "out/forces_bag").exists()
+
+
 def test_a_mask_is_no_header(tmp_path: Path) -> None:
     np.save(tmp_path / "touch.npy", np.full((3, 2, 2), 4.0))
     (tmp_path / "mask.csv").write_text("0,1\n1,1\n")
@@ -381,6 +398,16 @@ def test_the_command_prints_what_it_understood(tmp_path: Path) -> None:
     head, *lines = read.touch_map(pressed)
     assert head.startswith("frame 1, 3 N in all")
     assert (len(lines), len(lines[0]), lines[-1][-1], lines[0][0]) == (20, 35, "@", ".")
+    words, frame = read.strongest(np.where(pressed[1] > 0, pressed, np.nan), 64, 64)
+    assert words == head.removesuffix(":")
+    assert frame.shape == (40, 35)
+    assert np.nansum(frame) == frame[39, 34] == 3
+    words, frame, unit = output.MAPS[-1]
+    assert (words.split(",")[0], frame.shape, unit) == (
+        said[said.index("frame ") :].split(",")[0],
+        (4, 6),
+        "N",
+    )
     for more, key in ((["--taxels", "9"], "--taxels"), (["--axes", "rows,frames"], "--axes")):
         with pytest.raises(InputError, match=key):
             run(*base, *more)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read a recording of any tactile array: text, npy, npz, mat or HDF5, with time, units and missing taxels."""
+"""Read a recording of any tactile array, from a text to a ROS 2 bag, with time, units and missing taxels."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import contextlib
 import gzip
 import io
 import re
-import warnings
 import zipfile
 import zlib
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis.decode import recording_bag, recording_parquet
 from dermis.decode import recording_text as text
 from dermis.decode.recording_text import Found, Layout, warn
 from dermis.errors import InputError, optional
@@ -26,18 +26,22 @@ from dermis.scene.stimulus import FILE_BYTES_MAX, VALUES_MAX, npy_array, npz_mem
 Floats = NDArray[np.float64]
 
 UNITS = ("codes", "newtons", "kpa", "ohm")
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 GAPS = ("keep", "refuse", "hold")
 """Values that are missing in some frames: kept as NaN, refused, or that of the frame before."""
 AXES = ("frames", "rows", "cols", "taxels")
+BINARY = (".npy", ".npz", ".h5", ".hdf5", ".mat")
 # Half a frame: beyond it the nearest whole number of frames is another.
 _TIME_SPREAD = 0.5
 """Part of the median by which a step of time may differ before frames count as lost."""
 _WRAP = 2.0**32
 _MEMBERS = 64
 """Arrays of an npz file that are looked through; of more the name must be given."""
-# Between 0.1 and 1 a step without a unit may be seconds of a slow logger, or milliseconds of a fast one.
-_SECONDS_SURE = 0.1
+# Between 0.1 and 1 a step without a unit may be seconds of a slow logger, or milliseconds of a fast one; below 1e-5
+# days, as in a date of MATLAB.
+_SECONDS_SURE = 1e-5, 0.1
+_STAMPS = (("ns", 1e18, 1e9), ("us", 1e15, 1e6), ("ms", 1e12, 1e3), ("s", 1e9, 1e2))
+"""Units of stamps since 1970, from 2001 to 2033, and the largest step: a clock since power-on has such numbers too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,13 +95,18 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
         answers it.
     """
     path = Path(path)
-    data = read_bytes(path, FILE_BYTES_MAX, ("command line", option, str(path)))
+    bag = (path if path.suffix in recording_bag.SUFFIXES else path / "metadata.yaml").is_file()
+    data = b"" if bag else read_bytes(path, FILE_BYTES_MAX, ("command line", option, str(path)))
     name = path
     if data.startswith(b"\x1f\x8b"):
         data, name = _unpacked(path, data), path.with_suffix("") if path.suffix.lower() == ".gz" else path
     suffix = name.suffix.lower()
-    if suffix in (".npy", ".npz", ".h5", ".hdf5", ".mat"):
-        found = _binary(path, data, suffix, layout)
+    if bag:
+        found = _parsed(path, lambda: recording_bag.read(path, layout))
+    elif data.startswith(b"PAR1"):
+        found = _parsed(path, lambda: recording_parquet.Columns(path, data, layout).found())
+    elif suffix in BINARY:
+        found = _parsed(path, lambda: _binary(path, data, suffix, layout))
     else:
         found = text.read(path, data, layout)
     frames = _shaped(path, found, layout)
@@ -112,9 +121,8 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
         raise InputError(path, f"frame {n}, row {r}, column {c}", float(frames[n, r, c]), "a finite number")
     frames = _gaps(path, frames, layout.gaps)
     time_s, source = _times(path, found, len(frames), layout)
-    return Recording(
-        frames, time_s, ~absent, source, found.unit, found.area_mm2, found.order, tuple(found.ignored)
-    )
+    told = found.unit, found.area_mm2, found.order, tuple(found.ignored)
+    return Recording(frames, time_s, ~absent, source, *told)
 
 
 def _unpacked(path: Path, data: bytes) -> bytes:
@@ -124,9 +132,8 @@ def _unpacked(path: Path, data: bytes) -> bytes:
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(path, "file", str(error), "a readable gzip file") from None
     if len(unpacked) > FILE_BYTES_MAX:
-        raise InputError(
-            path, "file", f"more than {FILE_BYTES_MAX} bytes unpacked", f"at most {FILE_BYTES_MAX} bytes"
-        )
+        said = f"at most {FILE_BYTES_MAX} bytes unpacked"
+        raise InputError(path, "file", f"more than {FILE_BYTES_MAX} bytes", said)
     return unpacked
 
 
@@ -149,46 +156,34 @@ def _gaps(path: Path, frames: Floats, gaps: str) -> Floats:
     if gaps == "hold":
         frames = held(frames)
         said = f"held from the frame before; {np.isnan(frames).sum()} have none"
-    warn(
-        path,
-        f"{missing.sum()} values are missing in {missing.any(axis=(1, 2)).sum()} frames, first {where}: {said}",
-    )
+    count = f"{missing.sum()} values are missing in {missing.any(axis=(1, 2)).sum()} frames"
+    warn(path, f"{count}, first {where}: {said}")
     return frames
 
 
 def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
-    time, name = None, layout.time_key
+    time, name, reversed_axes = None, None, False
     if suffix == ".npy":
-        values = _parsed(path, lambda: npy_array(data, path.name, "biuf"))
-    elif suffix == ".npz":
-        values, time, name = _chosen(path, _parsed(path, lambda: _members(data, path, layout)), layout)
-    elif suffix == ".mat" and not data.startswith(b"MATLAB 7.3"):
-        values, time, name = _chosen(path, _parsed(path, lambda: _matlab(data)), layout)
+        values = npy_array(data, path.name, "biuf")
     else:
-        h5py = optional("h5py", "recordings")
-        try:
-            with h5py.File(io.BytesIO(data), "r") as file:
-                sets: dict[str, Any] = {}
-                file.visititems(lambda n, item: sets.update({n: item}) if hasattr(item, "dtype") else None)
-                values, time, name = _chosen(path, sets, layout)
-                # MATLAB 7.3 writes its arrays with the axes reversed.
-                values, time = values[()], None if time is None else time[()]
-                values = values.T if suffix == ".mat" else values
-        except OSError as error:
-            raise InputError(path, "file", str(error), "a readable HDF5 file") from None
-    if np.asarray(values).dtype.kind not in "biuf":
-        raise InputError(path, "--key", str(np.asarray(values).dtype), "an array of real numbers")
-    found = Found(
-        np.asarray(values, dtype=float), None if time is None else np.asarray(time, dtype=float).ravel()
-    )
+        if suffix == ".npz":
+            sets = _members(data, path, layout)
+        elif suffix == ".mat" and not data.startswith(b"MATLAB 7.3"):
+            from scipy.io import loadmat  # 0.1 s
+
+            sets = {n: array for n, array in loadmat(io.BytesIO(data)).items() if not n.startswith("__")}
+        else:
+            sets, reversed_axes = {}, suffix == ".mat"
+            file = optional("h5py", "recordings").File(io.BytesIO(data), "r")
+            file.visititems(lambda n, item: sets.update({n: item}) if hasattr(item, "dtype") else None)
+        values, time, name = _chosen(path, sets, layout)
+    values = np.asarray(values).T if reversed_axes else np.asarray(values)
+    if values.dtype.kind not in "biuf":
+        raise InputError(path, "--key", str(values.dtype), "an array of real numbers")
+    time = None if time is None else np.asarray(time, dtype=float).ravel()
+    found = Found(np.asarray(values, dtype=float), time, binary=True)
     found.time_unit, found.time_from = text.time_unit_of(name) if name else None, name or "the file"
     return found
-
-
-def _matlab(data: bytes) -> dict[str, Any]:
-    from scipy.io import loadmat  # 0.1 s
-
-    return {name: value for name, value in loadmat(io.BytesIO(data)).items() if not name.startswith("__")}
 
 
 def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
@@ -200,9 +195,7 @@ def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
         names = [name for name in (layout.key, layout.time_key, *timed) if name is not None]
     found = {}
     for name in names or [None]:
-        with contextlib.suppress(
-            InputError if layout.key is None else ()
-        ):  # an array of text, beside the others
+        with contextlib.suppress(InputError if layout.key is None else ()):  # an array of text
             found[name] = npz_member(data, path.name, name)
     return found
 
@@ -222,10 +215,9 @@ def _chosen(path: Path, sets: dict[str, Any], layout: Layout) -> tuple[Any, Any,
     if name is not None and name not in numeric:
         raise InputError(path, "--time-key", name, "a data set: " + ", ".join(list(numeric)[:10]))
     if name is None and layout.rate_hz is None:
-        timed = [
-            n for n, i in numeric.items()
-            if text.is_time(n.split("/")[-1]) and i.size == max(i.shape, default=0) and i.size in numeric[key].shape
-        ]  # fmt: skip
+        lengths = {n: i.size for n, i in numeric.items() if i.size == max(i.shape, default=0)}
+        fitting = [n for n, size in lengths.items() if size in numeric[key].shape]
+        timed = [n for n in fitting if text.is_time(n.split("/")[-1])]
         name = timed[0] if len(timed) == 1 else None
     return numeric[key], None if name is None else numeric[name], name
 
@@ -273,14 +265,11 @@ def _shaped(path: Path, found: Found, layout: Layout) -> Floats:
 
 def _by_axes(path: Path, values: Floats, axes: tuple[str | int, ...]) -> Floats:
     """Return [frames, rows, cols] or [frames, taxels] of an array whose axes are named."""
+    shape = list(values.shape)
     if values.ndim != len(axes):
-        raise InputError(
-            path, "--axes", list(values.shape), f"{values.ndim} names or numbers, not {len(axes)}"
-        )
-    if wrong := next(
-        (a for a, n in zip(axes, values.shape, strict=True) if isinstance(a, int) and a >= n), None
-    ):
-        raise InputError(path, "--axes", list(values.shape), f"a number of a part that there is, not {wrong}")
+        raise InputError(path, "--axes", shape, f"{values.ndim} names or numbers, not {len(axes)}")
+    if wrong := [a for a, n in zip(axes, shape, strict=True) if isinstance(a, int) and a >= n]:
+        raise InputError(path, "--axes", shape, f"a number of a part that there is, not {wrong[0]}")
     values = values[tuple(a if isinstance(a, int) else slice(None) for a in axes)]
     names = [a for a in axes if isinstance(a, str)]
     if "frames" not in names:
@@ -290,11 +279,9 @@ def _by_axes(path: Path, values: Floats, axes: tuple[str | int, ...]) -> Floats:
 
 def _frames_first(path: Path, values: Floats, found: Found, layout: Layout) -> Floats:
     """Return an array with its frames on the first axis, where it is known which axis that is."""
-    shape, size = values.shape, (layout.rows, layout.cols)
-    taxels = layout.rows * layout.cols if layout.rows and layout.cols else None
-    ask = InputError(
-        path, "shape", list(shape), "--axes as in frames,rows,cols or taxels,frames or frames,0,rows,cols"
-    )
+    shape, size, taxels = values.shape, (layout.rows, layout.cols), layout.size
+    allowed = "--axes as in frames,rows,cols or taxels,frames or frames,0,rows,cols"
+    ask = InputError(path, "shape", list(shape), allowed)
     # The times of a file tell the axis of the frames, if only one has so many.
     timed = found.time is not None and shape.count(found.time.size) == 1
     last = timed and shape[-1] == found.time.size
@@ -326,13 +313,7 @@ def _frames_first(path: Path, values: Floats, found: Found, layout: Layout) -> F
         return frames
     if values.ndim != 2:
         raise ask
-    if found.order.startswith("by names") or Path(path).suffix.lower() not in (
-        ".npy",
-        ".npz",
-        ".mat",
-        ".h5",
-        ".hdf5",
-    ):
+    if found.by_line or not found.binary:
         return values
     if timed:
         return values.T if last else values
@@ -362,9 +343,8 @@ def _split(path: Path, values: Floats, layout: Layout, by_line: bool) -> Floats:
         rows = cols = round(count**0.5)
         # 32 values or fewer are as likely a row.
         if not by_line and (len(values) % count == 0 or (len(values) > 1 and 1 < count <= 32)):
-            question = (
-                f"--rows {rows} --cols {cols} if a line is a frame, --cols {count} and --rows if it is a row"
-            )
+            a_row = f"--cols {count} and --rows if it is a row"
+            question = f"--rows {rows} --cols {cols} if a line is a frame, {a_row}"
             raise InputError(path, "shape", list(values.shape), question)
         if count > 1:
             warn(path, f"{count} taxels taken as {rows} x {cols}; --rows and --cols otherwise")
@@ -374,9 +354,7 @@ def _split(path: Path, values: Floats, layout: Layout, by_line: bool) -> Floats:
         cols = count // rows
     if rows is None or cols is None:
         raise InputError(path, "columns", f"{count} taxels", allowed)
-    if count == rows * cols:
-        return values.reshape(-1, rows, cols)
-    if count == cols and len(values) % rows == 0:
+    if count == rows * cols or (count == cols and len(values) % rows == 0):
         return values.reshape(-1, rows, cols)
     raise InputError(path, "columns", f"{count} taxels", f"{rows * cols}, as --rows {rows} --cols {cols} say")
 
@@ -397,23 +375,17 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         return np.zeros(1), "a single frame"
     if time is None:
         raise InputError(path, "time", "not in the file", "--rate in frames a second, or --time-key")
+    if found.values.ndim == 2 and time.size == len(found.values) and time.size % frames == 0:
+        time = time[:: time.size // frames]  # a time a line
     if time.size != frames:
-        lines = found.values.ndim == 2 and time.size == len(found.values)
-        if lines and time.size % frames == 0:
-            time = time[:: time.size // frames]
-        else:
-            raise InputError(path, "time", f"{time.size} times", f"{frames}, one a frame; or --rate")
+        raise InputError(path, "time", f"{time.size} times", f"{frames}, one a frame; or --rate")
     time = time.ravel().copy()
     if np.isnan(time).any():
         known = np.isfinite(time)
+        lost = f"{(~known).sum()} of {frames}"
         if known.sum() < 2 or not (known[0] and known[-1]):
-            raise InputError(
-                path, "time", f"{(~known).sum()} of {frames} missing", "a first and a last time; or --rate"
-            )
-        warn(
-            path,
-            f"{(~known).sum()} times are missing, the first of frame {np.argmin(known)}: interpolated",
-        )
+            raise InputError(path, "time", f"{lost} missing", "a first and a last time; or --rate")
+        warn(path, f"{lost} times are missing, the first of frame {np.argmin(known)}: interpolated")
         time = np.interp(np.arange(frames), np.flatnonzero(known), time[known])
     step = np.diff(time)
     wrapped = (step < -_WRAP / 2) & (step > -_WRAP) & (time[1:] >= 0)
@@ -426,20 +398,18 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         allowed = "later than the frame before; or --rate"
         raise InputError(path, f"time of frame {at + 1}", float(time[at + 1]), allowed)
     if (same := int((step == 0).sum())) and same < frames - 1:
-        warn(
-            path,
-            f"{same} times are those of the frame before, the first of frame {int(np.argmax(step == 0)) + 1}",
-        )
+        first = int(np.argmax(step == 0)) + 1
+        warn(path, f"{same} times are those of the frame before, the first of frame {first}")
     unit, median = layout.time_unit or found.time_unit, float(np.median(step[step > 0]))
     if unit is None:
-        # ROS stamps are nanoseconds of this century.
-        unit = "ns" if time[0] > 1e17 else "s" if median < _SECONDS_SURE else None
+        first = time[0] + found.start
+        unit = next((u for u, least, most in _STAMPS if least < first < 2 * least and median < most), None)
+        if unit is None and _SECONDS_SURE[0] < median < _SECONDS_SURE[1]:
+            unit = None if text.asks_unit(found.time_from) else "s"
     if unit is None:
         raise InputError(path, "time", f"steps of {median:g}", "--time-unit " + ", ".join(TIME_UNITS))
-    lost = np.abs(step / median - 1) > _TIME_SPREAD
-    if (lost & (step > 0)).any():
-        warnings.warn(
-            f"{path}: {(lost & (step > 0)).sum()} of {frames} steps of time differ from the median by more than half, "
-            f"the first after frame {int(np.argmax(lost & (step > 0)))}: frames lost?", stacklevel=2,
-        )  # fmt: skip
+    lost = (np.abs(step / median - 1) > _TIME_SPREAD) & (step > 0)
+    if lost.any():
+        said = f"{lost.sum()} of {frames} steps of time differ from the median by more than half"
+        warn(path, f"{said}, the first after frame {int(np.argmax(lost))}: frames lost?")
     return (time - time[0]) * TIME_UNITS[unit], f"{found.time_from}, in {unit}"

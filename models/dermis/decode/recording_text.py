@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import codecs
 import csv
+import functools
 import math
 import re
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -22,24 +23,34 @@ from dermis.scene.stimulus import VALUES_MAX
 
 Floats = NDArray[np.float64]
 
-_TIME = re.compile(
-    r"[%#]?(.*[./ _])?(time|t|ts|stamp|timestamp|elapsed|zeit|(nano|micro|milli)?seconds?|[nmu]?s(ecs?)?)([ _.\[(].*)?",
-    re.IGNORECASE,
-)
+_WORDS = r"time|t|ts|stamp|timestamp|elapsed|zeit|(nano|micro|milli)?seconds?|minutes|hours|[nmu]?s(ecs?)?"
+_CLOCKED = rf"[%#]?(.*[./ _])?({_WORDS})"
+_TIME = re.compile(_CLOCKED + r"([ _.\[(].*)?", re.IGNORECASE)
+_BARE_TIME = re.compile(_CLOCKED, re.IGNORECASE)
 _TIME_UNIT = re.compile(
-    r"(?:.*[^a-z])?(?:(n)(?:s|secs?|anos?|anosecs?|anoseconds?)|([uµ])(?:s|secs?)|(micro)s?(?:ec|econd)?s?|"
-    r"(m)(?:s|secs?|illis?|illisecs?|illiseconds?)|(s)(?:ecs?|econds?)?)[\])]?"
+    r"(?:.*[^a-zµμ])?(?:(?P<ns>n)(?:s|secs?|anos?|anosecs?|anoseconds?)|(?P<us>[uµμ](?:s|secs?)|micros?(?:ec|econd)?s?)|"
+    r"(?P<ms>m)(?:s|secs?|illis?|illisecs?|illiseconds?)|(?P<s>s)(?:ecs?|econds?)?|(?P<min>min)(?:s|utes?)?|"
+    r"(?P<h>h)(?:rs?|ours?)?|(?P<d>d)(?:ays?)?)[\])]?"
 )
+_NUMBER = r"((?:\d+[.,]?\d*|(?<![\w)])[.,]\d+)(?:[eE][-+]?\d+)?)"
 _OTHER = re.compile(
     r"(sum|tot|cop|cent|flag|stat|imu|acc|gyro|mag|quat|temp|seq|ind|idx|id$|frame|count|no$|nr$|n$|unnamed|crc|area|peak|"
     r"max|min|mean|av|std|label|date|volt|batt|sync|trig|event|header|row$|col)",
     re.IGNORECASE,
 )
 """Beginnings of names that are known to be no taxel: other columns that are left out are warned of."""
-_ROW, _COL = ("r", "row", "y"), ("c", "col", "column", "x")
-_EMPTY = {"", "-", "--", "null", "none", "nan", "na", "n/a", "#n/a", "nil", "missing"}
+ROW, COL = ("r", "row", "rows", "y", "height"), ("c", "col", "cols", "column", "columns", "x", "width")
+"""Words for the number of a row and that of a column."""
+_MARKS = (
+    (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32"), (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)  # fmt: skip
+_EMPTY = {"", "-", "--", "null", "none", "nan", "na", "n/a", "#n/a", "nil", "missing", "b"}
+"""Cells without a value; Tekscan writes B where there is no sensel."""
 _LABEL = re.compile(r"[\W_]*frame\b[\W_]*(\d{1,9})(.*)", re.IGNORECASE)
 _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_STAMP = re.compile(_NUMBER + r"\s*(m?s)(ec\w*)?\b")
+"""Seconds or milliseconds in the label of a frame."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
 # Forces of 1 N have two digits behind the point.
 _MARGIN = 0.02
@@ -47,24 +58,20 @@ _NUMBERS_SURE = 16
 """A first line 0, 1, 2, ... of fewer values may be a frame, and is asked for."""
 
 KPA = {
-    "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mbar": 0.1, "bar": 100.0, "mpa": 1e3, "psi": 6.894757, "mmhg": 0.1333224,
-    "n/cm2": 10.0, "n/mm2": 1e3, "kg/cm2": 98.0665, "kgf/cm2": 98.0665, "g/cm2": 0.0980665,
+    "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mbar": 0.1, "bar": 100.0, "mpa": 1e3, "psi": 6.894757293, "mmhg": 0.1333223874,
+    "n/cm2": 10.0, "n/mm2": 1e3, "kg/cm2": 98.0665, "lbf/in2": 6.894757293, "kgf/cm2": 98.0665, "g/cm2": 0.0980665,
 }  # fmt: skip
 """kPa of a unit of pressure."""
 NEWTONS = {
-    "n": 1.0,
-    "newtons": 1.0,
-    "kg": 9.80665,
-    "kgf": 9.80665,
-    "g": 9.80665e-3,
-    "gf": 9.80665e-3,
-    "lbs": 4.448222,
-}
+    "n": 1.0, "newtons": 1.0, "kg": 9.80665, "kgf": 9.80665, "g": 9.80665e-3, "gf": 9.80665e-3, "lbs": 4.4482216,
+    "lbf": 4.4482216,
+}  # fmt: skip
 """N of a unit of force."""
 _MM = {
     "mm": 1.0, "millimeters": 1.0, "cm": 10.0, "centimeters": 10.0, "m": 1e3, "meters": 1e3, "in": 25.4, "inch": 25.4,
     "inches": 25.4,
 }  # fmt: skip
+KNOWN = "npy, npz, mat, HDF5 and bags are known by their suffix"
 PLACES_MAX = 1 << 16
 """The largest array: 256 x 256."""
 _PICTURE = re.compile(r"\W*pict-?no\.?:?\s*(\d{1,9})", re.IGNORECASE)
@@ -78,19 +85,17 @@ class Layout:
     ----------
     rows, cols : int or None
     key : str or None
-        Array of an npz, mat or HDF5 file.
+        Array of an npz, mat or HDF5 file; topic, or topic.field, of a bag.
     time_key : str or None
         Array of the times in such a file, or the name or number of the column of a text.
     skip : int or None
         Leading columns of a text that are no taxels.
-    time_unit : str or None
-        One of `recording.TIME_UNITS`.
+    time_unit, gaps : str or None, str
+        One of `recording.TIME_UNITS`, one of `recording.GAPS`.
     rate_hz : float or None
         Frames a second; overrules times in the file.
     missing : float or None
         Value of a place without a taxel; NaN counts as well.
-    gaps : str
-        One of `recording.GAPS`.
     axes : tuple or None
         Names of `recording.AXES` in the order of an array, or the number of the part to take along an axis.
     taxels : (int, int) or None
@@ -115,6 +120,11 @@ class Layout:
     part: int | None = None
     header: bool | None = None
 
+    @property
+    def size(self) -> int | None:
+        """Taxels of the array, if rows and columns are given."""
+        return self.rows * self.cols if self.rows and self.cols else None
+
 
 @dataclass(eq=False)
 class Found:
@@ -126,10 +136,12 @@ class Found:
         [lines, taxels], [frames, rows, cols], or the axes of a binary file; NaN where a value is missing.
     time : ndarray or None
         [frames] or [lines], in `time_unit` if that is known.
+    start : float
+        Added to `time` to give stamps since 1970, where that would lose digits.
     number : ndarray or None
         Numbers of the frames, where the file has them.
-    by_line : bool
-        A line is a frame.
+    by_line, binary : bool
+        A line, or a part of the first axis, is a frame; an array whose axes may be in any order.
     shape : (rows, cols) or None
     unit : str or None
         Of `recording.UNITS`.
@@ -139,13 +151,22 @@ class Found:
     time: Floats | None = None
     time_unit: str | None = None
     time_from: str = "the file"
+    start: float = 0.0
     number: Floats | None = None
     by_line: bool = False
+    binary: bool = False
     shape: tuple[int, int] | None = None
     unit: str | None = None
     area_mm2: float | None = None
     order: str = "row by row, as in the file"
     ignored: list[str] = field(default_factory=list)
+
+    def scale(self, unit: str) -> None:
+        """Turn values in a unit of pressure or force into kPa or N; any other unit leaves them as they are."""
+        unit = re.sub(r'[\s^,;"]', "", unit).lower().replace("²", "2")
+        for name, known in (("kpa", KPA), ("newtons", NEWTONS)):
+            if unit in known:
+                self.values, self.unit = self.values * known[unit], name
 
 
 def warn(path: Path, text: str) -> None:
@@ -155,29 +176,20 @@ def warn(path: Path, text: str) -> None:
 
 def decoded(path: Path, data: bytes) -> str:
     """Return text in UTF-8, UTF-16, UTF-32 or Latin-1."""
-    marks = {
-        codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32", codecs.BOM_UTF16_LE: "utf-16",
-        codecs.BOM_UTF16_BE: "utf-16",
-    }  # fmt: skip
-    kind = next((name for mark, name in marks.items() if data.startswith(mark)), None)
-    if kind is None and b"\0" in (start := data[:4096]):
-        kind = "utf-16-le" if start[1::2].count(0) > start[::2].count(0) else "utf-16-be"
-    try:
-        if kind is not None:
+    even, odd = data[:4096:2].count(0), data[1:4096:2].count(0)
+    kinds = ["utf-16-le" if odd > even else "utf-16-be"] if even or odd else ["utf-8-sig", "latin-1"]
+    kinds = next(([name] for mark, name in _MARKS if data.startswith(mark)), kinds)
+    for kind in kinds:
+        try:
             text = data.decode(kind)
+        except UnicodeDecodeError as error:
+            at = error.start
         else:
-            try:
-                text = data.decode("utf-8-sig")
-            except UnicodeDecodeError:
-                text = data.decode("latin-1")
-        if (bad := re.search(r"[\0-\x08\x0e-\x1f]", text)) is None:
-            return text
-        at = bad.start()
-    except UnicodeDecodeError as error:
-        at = error.start
-    raise InputError(
-        path, f"byte {at}", "no text", "a text; npy, npz, mat and HDF5 are known by their suffix"
-    )
+            if (bad := re.search(r"[\0-\x08\x0e-\x1f]", text)) is None:
+                return text
+            at = bad.start()
+            break
+    raise InputError(path, f"byte {at}", "no text", f"a text; {KNOWN}")
 
 
 def read(path: Path, data: bytes, layout: Layout) -> Found:
@@ -188,7 +200,7 @@ def read(path: Path, data: bytes, layout: Layout) -> Found:
         return _maker(path, lines, layout)
     if any(_PICTURE.match(line) for line in lines):
         return _emed(path, lines, layout)
-    return _Table(path, lines, layout).found()
+    return Table(path, lines, layout).found()
 
 
 # ---- cells
@@ -196,19 +208,12 @@ def read(path: Path, data: bytes, layout: Layout) -> Found:
 
 def cells_of(line: str, mark: str | None) -> list[str]:
     """Split a line; brackets of lists are kept."""
+    joint = mark or " "
     if '"' in line:
-        joint = mark or " "
-        line = re.sub(
-            r'"[^"\[]*(\[[^\]"]*\])[^"]*"', lambda m: joint.join(re.split(r"[,;\s]+(?=[^\s\]])", m[1])), line
-        )
-        row = (
-            next(csv.reader([line], delimiter=joint, skipinitialspace=True))
-            if '"' in line
-            else line.split(mark)
-        )
-    else:
-        row = line.split(mark)
-    return [cell.strip(' \t"') for cell in row]
+        parts = r'"[^"\[]*(\[[^\]"]*\])[^"]*"'
+        line = re.sub(parts, lambda m: joint.join(re.split(r"[,;\s]+(?=[^\s\]])", m[1])), line)
+    quoted_cells = '"' in line and next(csv.reader([line], delimiter=joint, skipinitialspace=True))
+    return [cell.strip(' \t"') for cell in quoted_cells or line.split(mark)]
 
 
 def _bare(cells: list[str]) -> list[str]:
@@ -225,7 +230,7 @@ def _bounded(path: Path, values: int) -> None:
         raise InputError(path, "values", values, f"at most {VALUES_MAX}")
 
 
-def _value(cell: str) -> float:
+def number_of(cell: str) -> float:
     """Return a number, NaN for an empty cell; ValueError for other text."""
     if cell.lower() in _EMPTY:
         return math.nan
@@ -236,7 +241,7 @@ def _value(cell: str) -> float:
     return float(cell)
 
 
-def _is(cell: str, read=_value) -> bool:
+def _is(cell: str, read=number_of) -> bool:
     try:
         read(cell)
     except ValueError:
@@ -259,83 +264,91 @@ def _stamp(cell: str) -> float:
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 
+def _parted(name: str) -> str:
+    """Return a name with timeMs as time_Ms."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
+
+
 def time_unit_of(name: str) -> str | None:
     """Return the unit that the name of a time has, as in time_ms and Time [us]."""
-    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
-    match = _TIME_UNIT.fullmatch(name)
-    if match is None:
-        return None
-    n, u, micro, m, _ = match.groups()
-    return "ns" if n else "us" if u or micro else "ms" if m else "s"
+    match = _TIME_UNIT.fullmatch(_parted(name).lower())
+    return match.lastgroup if match else None
+
+
+def asks_unit(name: str) -> bool:
+    """Return True for the name of a time with more words, which may be a unit."""
+    return is_time(name) and not (_BARE_TIME.fullmatch(name) or _BARE_TIME.fullmatch(_parted(name)))
 
 
 def is_time(name: str) -> bool:
     """Return True if a name is that of a time."""
-    return bool(_TIME.fullmatch(name)) or bool(_TIME.fullmatch(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)))
+    return bool(_TIME.fullmatch(name) or _TIME.fullmatch(_parted(name)))
 
 
 # ---- tables
 
 
-class _Table:
+class Table:
     """A table with a frame, or a row of one, in each line."""
 
     def __init__(self, path: Path, lines: list[str], layout: Layout) -> None:
         self.path, self.layout = path, layout
         filled = [(n, line) for n, line in enumerate(lines, 1) if line.strip(" \t,;")]
-        if not filled:
-            raise InputError(path, "lines", 0, "at least one line of numbers")
-        self.mark = _mark_of(filled[-1][1])
-        start = next((k for k, (_, line) in enumerate(filled) if self._starts(line)), None)
-        if start is None:
-            raise InputError(path, "lines", "a header only", "at least one line of numbers")
-        self.head = [line for _, line in filled[:start]]
-        self.lines = filled[start:]
+        data = [line for _, line in filled if not line.lstrip().startswith(("#", "%"))]
+        self.mark = _mark_of(data[-1]) if data else None
+        start = next((k for k, (_, line) in enumerate(filled) if self._starts(line)), len(filled))
+        self.head, self.lines = [line for _, line in filled[:start]], filled[start:]
         self.block, self.label = self._blocks(lines)
         if not self.lines:
-            raise InputError(path, "lines", "a header only", "at least one line of numbers")
+            raise self._ask("lines", "a header only" if filled else 0, "at least one line of numbers")
         # Every line ends with a mark that separates nothing.
-        self.trailing = bool(self.mark) and all(
-            line.rstrip(" ").endswith(self.mark or "") for _, line in self.lines
-        )
+        ends = (line.rstrip(" ").endswith(self.mark or "") for _, line in self.lines)
+        self.trailing = self.mark is not None and all(ends)
         self.names = self._names()
-        self.width = len(self._cells(self.lines[0][1]))
+        self.width, self.count = len(self._cells(self.lines[0][1])), len(self.lines)
         if self.names and len(self.names) != self.width:
-            raise self._ask(
-                "header", f"{len(self.names)} names", f"{self.width}, as many as a line has values"
-            )
-        sample = [self._cells(line) for _, line in (*self.lines[:20], self.lines[-1])]
-        self.sample = [row for row in sample if len(row) == self.width]
-        if len(self.sample) < len(sample):
-            n = next(n for n, row in enumerate(sample) if len(row) != self.width)
-            number = self.lines[n if n < 20 and n < len(self.lines) else -1][0]
-            raise self._ask(
-                f"line {number}", f"{len(sample[n])} values", f"{self.width} values, as the first line"
-            )
-        self.words = [k for k in range(self.width) if not any(_is(row[k]) for row in self.sample)]
+            allowed = f"{self.width}, as many as a line has values"
+            raise self._ask("header", f"{len(self.names)} names", allowed)
+        chosen = (*self.lines[:20], self.lines[-1])
+        self.sample = [self._cells(line) for _, line in chosen]
+        for (number, _), row in zip(chosen, self.sample, strict=True):
+            if len(row) != self.width:
+                allowed = f"{self.width} values, as the first line"
+                raise self._ask(f"line {number}", f"{len(row)} values", allowed)
+
+    @functools.cached_property
+    def words(self) -> list[int]:
+        """Columns without a number."""
+        return [k for k in range(self.width) if not any(_is(row[k]) for row in self.sample)]
 
     def _ask(self, key: str, value: object, allowed: str) -> InputError:
         return InputError(self.path, key, value, allowed)
+
+    def _unclear(self, value: object, allowed: str) -> InputError:
+        return self._ask("header", value, f"{allowed}, or --taxels FIRST..LAST by number")
 
     def _starts(self, line: str) -> bool:
         cells = _bare(cells_of(line, self.mark))
         if line.lstrip().startswith(("#", "%")) or _LABEL.match(line):
             return False
-        good = sum(_is(cell) and cell != "" for cell in cells)
-        return good > sum(cell != "" for cell in cells) / 2 or (
-            good > 0 and any(_is(c, _stamp) for c in cells)
-        )
+        filled = [cell for cell in cells if cell]
+        good = sum(map(_is, filled))
+        return good > len(filled) / 2 or (good > 0 and any(_is(c, _stamp) for c in filled))
 
     def _cells(self, line: str) -> list[str]:
         cells = _bare(cells_of(line, self.mark))
         return cells[:-1] if self.trailing and len(cells) > 1 and cells[-1] == "" else cells
 
-    def _blocks(self, lines: list[str]) -> tuple[NDArray, dict[int, int]]:
-        """Return the number of the block of every line, and labels of blocks; drop lines that only part blocks."""
+    def _blocks(self, lines: list[str]) -> tuple[NDArray, dict[int, tuple[int, float]]]:
+        """Return the block of every line, and number and time (or NaN) of labels; drop lines that only part blocks."""
         kept, block, labels, number = [], [], {}, 0
         known = dict(self.lines)
-        for n in range(self.lines[0][0], len(lines) + 1):
-            line, label = lines[n - 1], _LABEL.match(lines[n - 1])
+        first = min(known, default=len(lines) + 1)
+        # Blank lines part no frames that have labels: XSENSOR has one after every row.
+        labelled = sum(_LABEL.match(line) is not None for line in lines) > 1
+        early = [line for line in self.head if _LABEL.match(line)][-1:] if known else []
+        for n, line in [(0, line) for line in early] + list(enumerate(lines[first - 1 :], first)):
+            label = _LABEL.match(line)
             words = line.split(None, 1)[:1] if block and n in known and line.lstrip()[:1].isalpha() else []
             if words and is_time(words[0]) and not self._starts(line) and line not in self.head:
                 warn(self.path, f"another table begins at line {n}, and is left out: {one_line(line, 40)}")
@@ -346,13 +359,13 @@ class _Table:
                 kept.append((n, line))
                 block.append(number)
                 continue
-            number += bool(block) and block[-1] == number
+            number += bool(block) and block[-1] == number and (bool(label) or not labelled)
             if label:
-                labels[number] = int(label[1])
-        if self.head and block and (label := next((m for h in self.head if (m := _LABEL.match(h))), None)):
-            labels[0] = int(label[1])
+                stamp = _STAMP.search(label[2])
+                scale = 1e-3 if stamp and stamp[2] == "ms" else 1.0
+                labels[number] = int(label[1]), _decimal(stamp[1]) * scale if stamp else math.nan
         self.lines = kept
-        return np.array(block), labels
+        return np.array(block, int), labels
 
     def _names(self) -> list[str]:
         """Return the names of the columns, or none."""
@@ -365,9 +378,16 @@ class _Table:
                 lists.append((start, k - start + 1))
                 start = None
         plain = self._cells(self.lines[0][1])
+        units: list[str] = []
         for head in reversed(self.head):
             names = cells_of(head.lstrip("# "), self.mark)
             if len(names) in (width, len(plain)) and len(names) > 1:
+                if not any(map(str.isdigit, "".join(names))) and not units and head != self.head[0]:
+                    units = names  # or names without numbers; known by the line above
+                    continue
+                if len(units) == len(names):
+                    pairs = zip(names, _bare(units), strict=True)
+                    names = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
                 return self._trimmed(names, width)
             # A list in one column, as ROS tools write arrays.
             for k, count in lists:
@@ -384,9 +404,8 @@ class _Table:
                 raise self._ask("lines", "a header only", "at least one line of numbers")
             return first[: len(plain)]
         if self.layout.header:
-            raise self._ask(
-                "header", one_line(self.lines[0][1]), "names or numbers of columns, or --header no"
-            )
+            allowed = "names or numbers of columns, or --header no"
+            raise self._ask("header", one_line(self.lines[0][1]), allowed)
         if short:
             allowed = f"{len(plain)}, as many as the line below it has values"
             raise self._ask("header", f"{len(cells_of(last, self.mark))} names", allowed)
@@ -411,15 +430,12 @@ class _Table:
         below = self._cells(self.lines[1][1]) if len(self.lines) > 1 else []
         if words and any(not _is(c) or not c for c in below[:1] if not words[0]):
             return False
-        if words and len(below) == len(cells):
-            return (
-                any(_is(b) and b for b, c in zip(below, cells, strict=True) if c in words)
-                or self.layout.header
-            )
         if self.layout.header:
             return True
+        if words and len(below) == len(cells):
+            return any(_is(b) and b for b, c in zip(below, cells, strict=True) if c in words)
         try:
-            steps = {_value(b) - _value(a) for a, b in zip(cells, below, strict=False)}
+            steps = {number_of(b) - number_of(a) for a, b in zip(cells, below, strict=False)}
         except ValueError:
             steps = set()
         if steps == {0.0} and len(cells) < _NUMBERS_SURE:
@@ -427,9 +443,7 @@ class _Table:
         if len(numbers) < _NUMBERS_SURE or len(steps) == 1:
             allowed = "--header yes if these are numbers of columns, --header no if it is data"
             raise self._ask("line 1", one_line(self.lines[0][1], 40), allowed)
-        warn(
-            self.path, "the first line has the numbers of the columns and is no frame; --header no otherwise"
-        )
+        warn(self.path, "the first line has numbers of columns and is no frame; --header no otherwise")
         return True
 
     # ---- columns
@@ -438,66 +452,50 @@ class _Table:
         layout = self.layout
         chosen = self._chosen()
         keys = self._times(chosen)
-        row_key = frame_key = None
-        if self.names:
-            order, columns, shape, by_line = self._by_names(chosen, keys)
-            if not by_line:
-                lower = [name.lower() for name in self.names]
-                row_key = next((lower.index(w) for w in ("row", "r") if w in lower), None)
-                frame_key = next(
-                    (lower.index(w) for w in ("frame", "frame_id", "sample") if w in lower), None
-                )
-        else:
-            order, columns, shape, by_line = self._unnamed(chosen, keys)
+        placed = self._by_names if self.names else self._unnamed
+        order, columns, shape, by_line = placed(chosen, keys)
+        lower = [] if by_line else [name.lower() for name in self.names]
+        row_key, frame_key = (
+            next((lower.index(w) for w in words if w in lower), None)
+            for words in (("row", "r"), ("frame", "frame_id", "sample"))
+        )
         extra = [k for k in (row_key, frame_key) if k is not None]
-        _bounded(self.path, len(self.lines) * len(columns))
-        table, time, unit = self._parsed([*extra, *(c for c in columns if c is not None)], keys)
-        values = np.full((len(self.lines), len(columns)), np.nan)
+        _bounded(self.path, self.count * len(columns))
+        table, moments = self._parsed([*extra, *(c for c in columns if c is not None)], keys)
+        values = np.full((self.count, len(columns)), np.nan)
         values[:, [n for n, c in enumerate(columns) if c is not None]] = table[:, len(extra) :]
         said = [self.names[k] or f"column {k}" if self.names else f"column {k}" for k in range(self.width)]
         out = [k for k in range(self.width) if k not in columns and k not in keys and k not in extra]
-        strange = [
-            said[k]
-            for k in out
-            if self.names
-            and said[k]
-            and not _OTHER.match(re.split(r"[./]", said[k])[-1])
-            and not is_time(said[k])
-        ]
-        if len(strange) > max(8, len(columns) / 4) and chosen is None and not layout.part:
-            shown = one_line(", ".join(strange[:4]), 80)
-            raise self._ask(
-                "header", f"{len(strange)} columns as {shown}", "--taxels FIRST..LAST by number, or --part N"
-            )
-        if strange and chosen is None and not layout.part:
-            warn(self.path, f"columns that are taken for no taxels: {one_line(', '.join(strange[:8]), 200)}")
-        found = Found(
-            values, time, unit, by_line=by_line, shape=shape, order=order, ignored=[said[k] for k in out]
-        )
-        found.time_from = " and ".join(said[k] for k in keys) or "the file"
-        stated = next(
-            (m for h in self.head if (m := re.search(r"pressure values in\s+(\S+)", h, re.IGNORECASE))), None
-        )
-        if stated is not None and stated[1].lower() in KPA:
-            found.values, found.unit = values * KPA[stated[1].lower()], "kpa"
-        self._counters(table[:, 1] if row_key is not None and frame_key is not None else None, out)
+        if chosen is None and not layout.part and self.names:
+            named = [k for k in out if self.names[k] and not is_time(said[k])]
+            strange = [said[k] for k in named if not _OTHER.match(re.split(r"[./]", said[k])[-1])]
+            shown = one_line(", ".join(strange[:8]), 200)
+            if len(strange) > max(8, len(columns) / 4):
+                raise self._unclear(f"{len(strange)} columns as {shown}", "--part N")
+            if strange:
+                warn(self.path, f"columns that are taken for no taxels: {shown}")
+        found = Found(values, by_line=by_line, shape=shape, order=order, ignored=[said[k] for k in out])
+        if keys:
+            found.time_from = " and ".join(said[k] for k in keys)
+            self._timed(found, moments, keys)
+        stated = re.search(r"pressure values in\s+(\S+)", "\n".join(self.head), re.IGNORECASE)
+        name = self.names[next(k for k in columns if k is not None)] if self.names else ""
+        if stated := stated or re.search(r"[\[(]([^\])]+)[\])]$", name):
+            found.scale(stated[1])
+        self._counters(out)
         if row_key is not None:
-            return self._rows(found, table[:, 0], table[:, 1] if frame_key is not None else time)
+            return self._rows(found, table[:, 0], table[:, 1] if frame_key is not None else found.time)
         return self._framed(found)
 
     def _chosen(self) -> list[int] | None:
         """Return the columns that options name for taxels."""
         layout = self.layout
-        if layout.taxels is not None:
-            low, high = layout.taxels
-            if high >= self.width:
-                raise self._ask("--taxels", f"{low}..{high}", f"columns 0..{self.width - 1}")
-            return list(range(low, high + 1))
-        if layout.skip is None:
+        if layout.taxels is None and layout.skip is None:
             return None
-        if layout.skip >= self.width:
-            raise self._ask("--skip", layout.skip, f"less than the {self.width} columns")
-        return list(range(layout.skip, self.width))
+        low, high = layout.taxels or (layout.skip or 0, self.width - 1)
+        if not low <= high < self.width:
+            raise self._ask("--taxels or --skip", f"{low}..{high}", f"columns 0..{self.width - 1}")
+        return list(range(low, high + 1))
 
     def _times(self, chosen: list[int] | None) -> list[int]:
         """Return the column of the time, or those of seconds and nanoseconds."""
@@ -515,13 +513,12 @@ class _Table:
             for k in timed:
                 # ROS: stamp.sec and stamp.nanosec, secs and nsecs.
                 fine = re.fullmatch(r"(.*?)(nano|n)(secs?|seconds?)", names[k], re.IGNORECASE)
-                pair = [
-                    j
-                    for j in timed
-                    if fine and re.fullmatch(re.escape(fine[1]) + "(secs?|seconds?|s)", names[j], re.I)
-                ]
-                if pair:
-                    return [pair[0], k]
+                whole = re.compile(re.escape(fine[1]) + "(secs?|seconds?|s)", re.I) if fine else None
+                if (
+                    whole
+                    and (pair := next((j for j in timed if whole.fullmatch(names[j])), None)) is not None
+                ):
+                    return [pair, k]
             named = [k for k in timed if is_time(names[k]) and counts[_template(names[k])[0]] < 4]
             return named[:1]
         stamps = [k for k in timed if not _is(first[k])]
@@ -531,141 +528,100 @@ class _Table:
         columns = [[row[k] for row in self.sample] for k in range(min(4, self.width))]
         whole = [all(re.fullmatch(r"\d+", c) for c in column) for column in columns]
         for k, column in enumerate(columns):
-            if chosen is not None and k in chosen:
-                continue
-            if not all(_is(c) and _value(c) > 1e9 for c in column):
-                continue
-            after = columns[k + 1] if k + 1 < len(columns) and whole[k + 1] else []
-            if (
-                whole[k]
-                and after
-                and len(column[0]) == 10
-                and all(int(c) < 10**9 for c in after)
-                and max(map(int, after)) > 1e6
-            ):
-                return [k, k + 1]
-            return [k]
+            if (chosen is None or k not in chosen) and all(_is(c) and number_of(c) > 1e9 for c in column):
+                after = columns[k + 1] if all(whole[k : k + 2]) and k + 1 < len(columns) else ["0"]
+                fine = len(column[0]) == 10 and 1e6 < max(map(int, after)) < 10**9
+                return [k, k + 1] if fine else [k]
         return []
 
     def _by_names(self, chosen: list[int] | None, keys: list[int]):
         """Return order, columns by place (None: no taxel), shape or None, and True if a line is a frame."""
-        layout = self.layout
-        groups: dict[tuple, list[int]] = {}
+        layout, size = self.layout, self.layout.size
+        groups: dict[tuple[str, int], list[int]] = {}
         seen: Counter = Counter()
         for k in range(self.width) if chosen is None else chosen:
             text, numbers = _template(self.names[k])
-            if k in keys or (not numbers and chosen is None) or (k in self.words and chosen is None):
-                continue
-            seen[text, numbers] += 1
-            groups.setdefault((text, seen[text, numbers]), []).append(k)
+            if k not in keys and (chosen is not None or (numbers and k not in self.words)):
+                seen[text, numbers] += 1
+                groups.setdefault((text, seen[text, numbers]), []).append(k)
         for (text, again), columns in groups.items():
-            if again > 1 and len(columns) < len(groups[text, 1]) / 2:
-                raise self._ask(
-                    "header", f"the name {self.names[columns[0]]} twice", "--taxels FIRST..LAST by number"
-                )
-        size = layout.rows * layout.cols if layout.rows and layout.cols else None
-        large = max(map(len, groups.values()), default=0)
-        parts = [g for g in groups if 2 * len(groups[g]) >= large > 1 or len(groups[g]) == size]
-        fitting = [g for g in parts if len(groups[g]) == size]
+            if again > 1 and 2 * len(columns) < len(groups[text, 1]):
+                raise self._unclear(f"the name {self.names[columns[0]]} twice", "names that differ")
+        many = max(map(len, groups.values()), default=0)
+        parts = [g for g in groups.values() if 2 * len(g) >= many > 1 or len(g) == size]
+        fitting = [g for g in parts if len(g) == size]
         if layout.part is not None:
             parts = parts[layout.part - 1 : layout.part]
         elif len(fitting) == 1:
             parts = fitting
-        if chosen is not None and (len(groups) != 1 or not next(iter(groups))[0].count("#")):
+        if chosen is not None and (len(groups) != 1 or "#" not in next(iter(groups))[0]):
             warn(self.path, "names do not say the places of the chosen columns; taken row by row")
             return "row by row, as in the file", chosen, None, True
         if len(parts) != 1:
-            listed = (
-                ", ".join(f"{len(groups[g])} of {self.names[groups[g][0]]}" for g in parts[:6])
-                or "no numbers"
-            )
-            raise self._ask(
-                "header", listed, "--part N for one of several arrays, or --taxels FIRST..LAST by number"
-            )
-        columns = groups[parts[0]]
+            listed = ", ".join(f"{len(g)} of {self.names[g[0]]}" for g in parts[:6]) or "no numbers"
+            raise self._unclear(listed, "--part N for one of several arrays")
+        columns, first = parts[0], self.names[parts[0][0]]
+        texts = _template(first)[0].split("#")
         numbers = np.array([[min(n, PLACES_MAX) for n in _template(self.names[k])[1]] for k in columns])
         if numbers.max() >= PLACES_MAX:
-            raise self._ask(
-                "header", self.names[columns[0]], f"numbers below {PLACES_MAX}, or --taxels FIRST..LAST"
-            )
-        texts = re.split("#", parts[0][0])
+            raise self._unclear(first, f"numbers below {PLACES_MAX}")
         changing = [d for d in range(numbers.shape[1]) if len(set(numbers[:, d])) > 1]
-        words = [
-            re.split(r"[^a-z]+", texts[d])[-1] or re.split(r"[^a-z]+", texts[d].strip(" _.[](),-"))[-1]
-            for d in changing
-        ]
+        words = [re.split(r"[^a-z]+", texts[d].rstrip(" _.[](),-"))[-1] for d in changing]
         numbers = numbers[:, changing]
         if len(changing) == 1:
-            return self._flat(columns, numbers[:, 0], words[0])
-        between = texts[changing[0] + 1] if changing else ""
-        plain = not re.search("[a-z]", between)
-        if len(changing) == 2 and words[0] in _COL and words[1] in _ROW:
-            numbers = numbers[:, ::-1]
-        elif len(changing) != 2 or not (plain or (words[0] in _ROW and words[1] in _COL)):
-            raise self._ask(
-                "header", self.names[columns[0]], "names with row and column, or --taxels FIRST..LAST"
-            )
-        low = numbers.min(axis=0)
-        if (low > 1).any():
-            raise self._ask(
-                "header", self.names[columns[0]], "rows and columns from 0 or 1, or --taxels FIRST..LAST"
-            )
-        numbers = numbers - low.min()
-        rows, cols = (layout.rows or numbers[:, 0].max() + 1), (layout.cols or numbers[:, 1].max() + 1)
-        if (numbers >= (rows, cols)).any():
-            raise self._ask(
-                "header",
-                f"{self.names[columns[-1]]}",
-                f"places in {rows} x {cols}, or other --rows and --cols",
-            )
-        if min(rows, cols) <= 2 and max(rows, cols) > 32 and not (layout.rows and layout.cols):
-            raise self._ask(
-                "header", f"{rows} x {cols} places", "--rows and --cols, or --taxels for one of two arrays"
-            )
+            place, count, by_line = self._flat(first, numbers[:, 0], words[0])
+            shape = None
+        else:
+            two = len(changing) == 2
+            turned = two and words[0] in COL and words[1] in ROW
+            plain = two and not re.search("[a-z]", texts[changing[0] + 1])
+            if not (turned or plain or (two and words[0] in ROW and words[1] in COL)):
+                raise self._unclear(first, "names with row and column")
+            shape, by_line = self._grid(first, numbers := numbers[:, ::-1] if turned else numbers), True
+            place, count = (numbers - numbers.min()) @ (shape[1], 1), shape[0] * shape[1]
+        table: list[int | None] = [None] * count
+        for k, n in zip(columns, place.tolist(), strict=True):
+            table[n] = k
+        if None in table:
+            warn(self.path, f"{table.count(None)} of {count} places have no column: no taxel there")
+        first = self.names[next(k for k in table if k is not None)]
+        return f"by names, {first} first{'' if shape else ', row by row'}", table, shape, by_line
+
+    def _grid(self, first: str, numbers: NDArray) -> tuple[int, int]:
+        """Return the size of an array whose names have row and column."""
+        if (numbers.min(axis=0) > 1).any():
+            raise self._unclear(first, "rows and columns from 0 or 1")
+        most = numbers.max(axis=0) - numbers.min() + 1
+        rows, cols = self.layout.rows or int(most[0]), self.layout.cols or int(most[1])
+        if (most > (rows, cols)).any():
+            said = f"{most[0]} x {most[1]} places as {first}"
+            raise self._ask("header", said, f"places in {rows} x {cols}, or other --rows and --cols")
+        if min(rows, cols) <= 2 and max(rows, cols) > 32 and not self.layout.size:
+            raise self._unclear(f"{rows} x {cols} places", "--rows and --cols, for one of two arrays")
         if rows * cols > PLACES_MAX:
             raise self._ask("header", f"{rows} x {cols} places", f"at most {PLACES_MAX}")
-        places: list[int | None] = [None] * (rows * cols)
-        for k, (r, c) in zip(columns, numbers.tolist(), strict=True):
-            places[r * cols + c] = k
-        if None in places:
-            warn(self.path, f"{places.count(None)} of {rows} x {cols} places have no column: no taxel there")
-        return f"by names, {self.names[columns[0]]} first", places, (rows, cols), True
+        return rows, cols
 
-    def _flat(self, columns: list[int], numbers: NDArray, word: str):
-        """Return the layout of names with one number."""
-        low, count = int(numbers.min()), len(columns)
-        size = self.layout.rows * self.layout.cols if self.layout.rows and self.layout.cols else None
+    def _flat(self, first: str, numbers: NDArray, word: str) -> tuple[NDArray, int, bool]:
+        """Return places, their count, and True if a line is a frame, of names with one number."""
+        low, most, count, size = int(numbers.min()), int(numbers.max()), len(numbers), self.layout.size
         if low > 1 or sorted(numbers.tolist()) != list(range(low, low + count)):
-            if (
-                size is not None
-                and (numbers.max() == size or (low == 0 and numbers.max() < size))
-                and count < size
-            ):
-                # Numbers of places in the array: those without a column have no taxel.
-                places: list[int | None] = [None] * size
-                for k, n in zip(columns, (numbers - (numbers.max() == size)).tolist(), strict=True):
-                    places[n] = k
-                warn(self.path, f"{size - count} of {size} numbers have no column: no taxel there")
-                return f"by names, {self.names[columns[0]]} first, row by row", places, None, True
-            lost = sorted(set(range(int(numbers.max()) + 1)) - set(numbers.tolist()) - {0})
-            said = f"{count} names as {self.names[columns[0]]}, {f'not {lost[0]}' if lost else f'from {low}'}"
-            allowed = (
-                "numbers from 0 or 1 without a gap, --rows and --cols that have the last one, or --taxels"
-            )
-            raise self._ask("header", said, allowed)
-        ordered = [columns[k] for k in np.argsort(numbers)]
+            if size is not None and count < size and (most == size or (low == 0 and most < size)):
+                return numbers - (most == size), size, True
+            lost = sorted(set(range(most + 1)) - set(numbers.tolist()) - {0})
+            said = f"{count} names as {first}, {f'not {lost[0]}' if lost else f'from {low}'}"
+            raise self._unclear(said, "numbers from 0 or 1 without a gap, --rows and --cols of all")
         # A data frame of rows names its columns by numbers.
-        a_row = count != size and (
-            word in _COL or (self.names[columns[0]].isdigit() and count == self.layout.cols)
-        )
-        if word in (*_COL, *_ROW) and size is None and "row" not in [n.lower() for n in self.names]:
-            if self.layout.cols != count or word in _ROW:
+        fits = count == self.layout.cols
+        a_row = count != size and (word in COL or (first.isdigit() and fits))
+        if word in (*COL, *ROW) and size is None and "row" not in [n.lower() for n in self.names]:
+            if not fits or word in ROW:
                 allowed = "--rows and --cols: a line may be a row of a frame, or a frame"
-                raise self._ask("header", f"{count} columns {self.names[ordered[0]]}..", allowed)
-        if size is not None and count != size and not (a_row and count == self.layout.cols):
+                raise self._ask("header", f"{count} columns {first}..", allowed)
+        if size is not None and count != size and not (a_row and fits):
             allowed = f"{size}, as --rows {self.layout.rows} --cols {self.layout.cols} say"
             raise self._ask("columns", f"{count} taxels", allowed)
-        return f"by names, {self.names[ordered[0]]} first, row by row", ordered, None, not a_row
+        return numbers - low, count, not a_row
 
     def _unnamed(self, chosen: list[int] | None, keys: list[int]):
         """Return the layout of columns without names, as `_by_names`."""
@@ -680,15 +636,13 @@ class _Table:
             frames = len(set(self.block.tolist())) > 1 and len(self.lines) > self.block[-1] + 1
             good = square(len(left)) or frames or (bool(rows or cols) and len(left) % (rows or cols) == 0)
         if not left or not good:
-            allowed = (
-                "--rows and --cols; --skip N, --taxels FIRST..LAST for those that are taxels; --time-key N"
-            )
+            allowed = "--rows and --cols; --skip N, --taxels FIRST..LAST for the taxels; --time-key N"
             raise self._ask("columns", f"{len(left)} without names", allowed)
         return "row by row, as in the file", left, None, bool(keys)
 
-    def _parsed(self, columns: Sequence[int], keys: list[int]) -> tuple[Floats, Floats | None, str | None]:
-        """Return the values of columns, the times and their unit."""
-        table = np.empty((len(self.lines), len(columns)))
+    def _parsed(self, columns: Sequence[int], keys: list[int]) -> tuple[Floats, list[list[str]]]:
+        """Return the values of columns, and the cells of the times, by line."""
+        table = np.empty((self.count, len(columns)))
         moments: list[list[str]] = []
         comma = point = False
         for i, (number, line) in enumerate(self.lines):
@@ -696,83 +650,70 @@ class _Table:
             cells = line.split(self.mark) if plain else self._cells(line)
             if len(cells) - (plain and self.trailing) != self.width:
                 raise self._ask(f"line {number}", f"{len(cells)} values", f"{self.width}, as the first line")
-            wanted = [cells[k] for k in columns]
             try:
                 if "_" in line:
                     raise ValueError
-                table[i] = [float(cell) for cell in wanted]
+                table[i] = [float(cells[k]) for k in columns]
             except ValueError:
                 cells = self._cells(line)
-                wanted = [cells[k] for k in columns]
-                for n, cell in enumerate(wanted):
-                    try:
-                        table[i, n] = _value(cell)
-                    except ValueError:
-                        allowed = "a number; --skip or --taxels leave out columns"
-                        raise self._ask(
-                            f"line {number}, value {columns[n] + 1}", quoted(cell), allowed
-                        ) from None
-                comma = comma or any("," in cell for cell in wanted)
+                table[i] = self._numbers([cells[k] for k in columns], columns, f"line {number}")
+                comma = comma or any("," in cells[k] for k in columns)
             if comma or i == 0:
-                point = point or any("." in cell for cell in wanted)
+                point = point or any("." in cells[k] for k in columns)
             if keys:
                 moments.append(_bare([cells[k].strip() for k in keys]))
         if comma and (point or any("." in self._cells(line)[k] for _, line in self.lines for k in columns)):
             raise self._ask("numbers", "decimal commas and points", "one of them")
-        return (table, *self._moments(moments, keys)) if keys else (table, None, None)
+        return table, moments
 
-    def _moments(self, moments: list[list[str]], keys: list[int]) -> tuple[Floats, str | None]:
-        """Return times from the first one and their unit, which may be unknown."""
+    def _numbers(self, cells: Sequence[str], columns: Sequence[int], where: str) -> list[float]:
+        found = []
+        for k, cell in zip(columns, cells, strict=True):
+            try:
+                found.append(number_of(cell))
+            except ValueError:
+                allowed = "a number; --skip or --taxels leave out columns"
+                raise self._ask(f"{where}, value {k + 1}", quoted(cell), allowed) from None
+        return found
+
+    def _timed(self, found: Found, moments: list[list[str]], keys: list[int]) -> None:
+        """Add the times of the cells in `keys`, and their unit if it is known."""
         cells = [row[0] for row in moments]
         whole = all(re.fullmatch(r"-?\d{1,19}", c) for row in moments for c in row)
         if len(keys) == 2:
             if not whole:
                 raise self._ask("time", " ".join(moments[0]), "whole seconds and nanoseconds, or --time-key")
             ns = [int(s) * 10**9 + int(n) for s, n in moments]
-            return np.array([t - ns[0] for t in ns], dtype=float) * 1e-9, "s"
-        if not _is(next((c for c in cells if c), "")):
-            if bad := next((c for c in cells if c.lower() not in _EMPTY and not _is(c, _stamp)), None):
-                raise self._ask("time", quoted(bad), "a date and time, a clock, or a number")
-            time = np.array([math.nan if c.lower() in _EMPTY else _stamp(c) for c in cells])
-            # A clock starts again at midnight.
-            return time + 86400.0 * np.cumsum(np.diff(time, prepend=time[0]) < -43200), "s"
-        if bad := next((c for c in cells if not _is(c)), None):
-            raise self._ask("time", quoted(bad), "a number")
-        first = _value(next(c for c in cells if c.lower() not in _EMPTY))
-        # Differences of whole stamps are exact; a double holds nanoseconds since 1970 to 256 ns.
-        time = (
-            np.array([int(c) - int(cells[0]) for c in cells], dtype=float) + (0.0 if first > 1e9 else first)
-            if whole and first > 2**52
-            else np.array([_value(c) for c in cells])
-        )
-        unit = time_unit_of(self.names[keys[0]]) if self.names else None
-        if unit is None and self.layout.time_unit is None:
-            # Stamps since 1970, from 2001 on.
-            unit = next(
-                (
-                    u
-                    for u, least in (("ns", 1e18), ("us", 1e15), ("ms", 1e12), ("s", 1e9))
-                    if 2 * least > first > least
-                ),
-                None,
-            )
-        return time, unit
+            found.time, found.time_unit = np.array([t - ns[0] for t in ns], dtype=float) * 1e-9, "s"
+            return
+        filled = [c for c in cells if c.lower() not in _EMPTY]
+        read = number_of if not filled or _is(filled[0]) else _stamp
+        if bad := next((c for c in filled if not _is(c, read)), None):
+            raise self._ask("time", quoted(bad), "a date and time, a clock, or a number, in every line")
+        if whole and abs(int(cells[0])) > 2**52:
+            # Differences of whole stamps are exact; a double holds nanoseconds since 1970 to 256 ns.
+            found.start = float(cells[0])
+            found.time = np.array([int(c) - int(cells[0]) for c in cells], dtype=float)
+        else:
+            found.time = np.array([math.nan if c.lower() in _EMPTY else read(c) for c in cells])
+        if read is _stamp:
+            found.time, found.time_unit = past_midnight(found.time), "s"
+        elif self.names:
+            found.time_unit = time_unit_of(self.names[keys[0]])
 
-    def _counters(self, frame: Floats | None, out: list[int]) -> None:
+    def _counters(self, out: list[int]) -> None:
         """Warn of lost numbers in a counter of frames."""
-        for k in out:
-            name = self.names[k].lower() if self.names else ""
-            if re.fullmatch(
-                r"(.*[._ /])?(seq|frame|frame_?(no|nr|number|id)|counter|sample|index|idx)", name
-            ):
-                column = [row[k] for _, line in self.lines if len(row := self._cells(line)) > k]
-                if all(re.fullmatch(r"\d+", c) for c in column):
-                    steps = np.diff([int(c) for c in column])
-                    if steps.size and (steps > 1).any() and (steps == 1).any():
-                        warn(
-                            self.path,
-                            f"{self.names[k]} leaves out {int((steps[steps > 1] - 1).sum())} numbers: frames lost?",
-                        )
+        counter = re.compile(r"(.*[._ /])?(seq|frame(_?(no|nr|number|id))?|counter|sample|index|idx)", re.I)
+        for k in out if self.names else ():
+            column = self._column(k) if counter.fullmatch(self.names[k]) else [""]
+            if all(re.fullmatch(r"\d+", c) for c in column):
+                steps = np.diff([int(c) for c in column])
+                if (steps > 1).any() and (steps == 1).any():
+                    lost = int((steps[steps > 1] - 1).sum())
+                    warn(self.path, f"{self.names[k]} leaves out {lost} numbers: frames lost?")
+
+    def _column(self, k: int) -> list[str]:
+        return [row[k] for _, line in self.lines if len(row := self._cells(line)) > k]
 
     # ---- frames of several lines
 
@@ -782,14 +723,10 @@ class _Table:
         if not (np.isfinite(row).all() and (row == np.floor(row)).all() and row.min() in (0, 1)):
             raise self._ask("row", float(row.min()), "whole numbers from 0 or 1")
         place = (row - row.min()).astype(int)
-        if frame is None:
-            new = np.diff(place) <= 0
-        else:
-            new = np.diff(frame) != 0
+        new = np.diff(place) <= 0 if frame is None else np.diff(frame) != 0
         index = np.concatenate([[0], np.cumsum(new)]).astype(int)
-        rows = self.layout.rows or int(place.max()) + 1
-        if (index[-1] + 1) * rows * found.values.shape[1] > VALUES_MAX:
-            raise self._ask("row", int(row.max()), f"at most {VALUES_MAX} values in all")
+        rows, width = self.layout.rows or int(place.max()) + 1, found.values.shape[1]
+        _bounded(path, (int(index[-1]) + 1) * rows * width)
         if place.max() >= rows:
             raise self._ask("row", int(row.max()), f"{rows} rows, as --rows says")
         filled = np.zeros((index[-1] + 1, rows), int)
@@ -798,15 +735,12 @@ class _Table:
             n, r = np.argwhere(filled > 1)[0]
             raise self._ask(f"frame {n}", f"row {r} twice", "each row once in a frame")
         for n in np.flatnonzero((filled == 0).any(axis=1))[:8]:
-            warn(
-                path,
-                f"frame {n} has no row {', '.join(map(str, np.flatnonzero(filled[n] == 0)[:8]))}: missing there",
-            )
-        values = np.full((*filled.shape, found.values.shape[1]), np.nan)
+            lost = ", ".join(map(str, np.flatnonzero(filled[n] == 0)[:8]))
+            warn(path, f"frame {n} has no row {lost}: missing there")
+        values = np.full((*filled.shape, width), np.nan)
         values[index, place] = found.values
         found.values, found.shape = values, values.shape[1:]
-        first = np.concatenate([[True], new])
-        found.time = None if found.time is None else found.time[first]
+        found.time = None if found.time is None else found.time[np.concatenate([[True], new])]
         return found
 
     def _framed(self, found: Found) -> Found:
@@ -814,36 +748,38 @@ class _Table:
         layout, (lines, width) = self.layout, found.values.shape
         heights = np.bincount(self.block)
         height, blocks = Counter(heights.tolist()).most_common(1)[0]
-        size = layout.rows * layout.cols if layout.rows and layout.cols else None
-        if found.shape or found.by_line or width == size or len(heights) == 1 or height == 1:
-            found.by_line = found.by_line or width == size or (len(heights) > 1 and height == 1)
+        if found.shape or found.by_line or width == layout.size or len(heights) == 1 or height == 1:
+            found.by_line = found.by_line or width == layout.size or (len(heights) > 1 and height == 1)
             if not found.by_line and layout.rows and layout.cols == width and lines > layout.rows:
                 warn(self.path, "nothing parts the frames: a lost line would shift all later ones")
-            return found
-        if layout.rows and layout.cols == width and layout.rows in heights:
-            height, blocks = layout.rows, len(heights)
-        if (layout.rows or height, layout.cols or width) != (height, width) or 2 * blocks <= len(heights):
+        else:
+            if layout.rows and layout.cols == width and layout.rows in heights:
+                height, blocks = layout.rows, len(heights)
             said = f"{height} lines of {width} values"
-            raise self._ask("blocks", said, "frames of --rows and --cols, with as many lines")
-        if square(width) and width != height and not layout.rows and width >= 36:
-            raise self._ask("blocks", f"{height} lines of {width} values", "--rows and --cols of a frame")
-        found.values, found.shape = _stacked(self.path, found.values, self.block, height), (height, width)
-        if found.time is not None:
-            found.time = found.time[np.searchsorted(self.block, np.arange(len(heights)))]
-        if len(self.label) == len(heights):
-            found.number = np.array([self.label[n] for n in range(len(heights))], dtype=float)
+            if (layout.rows or height, layout.cols or width) != (height, width) or 2 * blocks <= len(heights):
+                raise self._ask("blocks", said, "frames of --rows and --cols, with as many lines")
+            if square(width) and width != height and not layout.rows and width >= 36:
+                raise self._ask("blocks", said, "--rows and --cols of a frame")
+            whole = heights == height
+            for n in np.flatnonzero(~whole):
+                name = self.label[n][0] if n in self.label else n
+                warn(self.path, f"frame {name} has {heights[n]} of {height} lines: missing as a whole")
+            values = np.full((len(heights), height, width), np.nan)
+            values[whole] = found.values[whole[self.block]].reshape(-1, height, width)
+            found.values, found.shape = values, (height, width)
+            if found.time is not None:
+                found.time = found.time[np.searchsorted(self.block, np.arange(len(heights)))]
+        if len(self.label) == len(heights) == len(found.values):
+            found.number, time = np.array([self.label[n] for n in range(len(heights))], dtype=float).T
+            if found.time is None and np.isfinite(time).all():
+                found.time, found.time_unit = past_midnight(time), "s"
+                found.time_from = "stamps of the frames"
         return found
 
 
-def _stacked(path: Path, values: Floats, block: NDArray, height: int) -> Floats:
-    frames = np.full((block[-1] + 1, height, values.shape[1]), np.nan)
-    for n in range(len(frames)):
-        part = values[block == n]
-        if len(part) == height:
-            frames[n] = part
-        else:
-            warn(path, f"frame {n} has {len(part)} of {height} lines: missing as a whole")
-    return frames
+def past_midnight(time: Floats) -> Floats:
+    """Return times in seconds of a clock that starts again at midnight."""
+    return time + 86400.0 * np.cumsum(np.diff(time, prepend=time[0]) < -43200)
 
 
 def square(count: int) -> bool:
@@ -869,89 +805,49 @@ def _mark_of(line: str) -> str | None:
 
 
 def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
-    """Read an export of Tekscan or XSENSOR: a header of keys, then `Frame n` and the rows of each."""
+    """Read an export of Tekscan or XSENSOR: a header of keys, and a table parted by `Frame n`."""
     said: dict[str, str] = {}
-    frames: list[dict] = []
-    skipping = False
+    kept, parts = [""] * len(lines), {}
+    at, part = None, ""  # last label; sensor, or None in a group
     known = re.compile(
         r"(rows|cols|columns|row_spacing|col_spacing|sensel_area|seconds_per_frame|units|sensel width|sensel height)"
         r"\b[\s\",;:=]*(.*)", re.IGNORECASE,
     )  # fmt: skip
-    for number, raw in enumerate(lines, 1):
+    for n, raw in enumerate(lines):
         line = raw.strip(' \t",;')
-        if not line:
-            continue
         if label := _LABEL.match(line):
-            stamp = re.search(r"(\d+[.,]?\d*)\s*(m?s)(ec\w*)?\b", label[2])
-            frames.append({"number": int(label[1]), "time": None, "parts": {}})
-            if stamp:
-                frames[-1]["time"] = _decimal(stamp[1]) * (1e-3 if stamp[2] == "ms" else 1.0)
-            skipping, part = False, ""
+            stamp = _STAMP.search(label[2])
+            kept[n], at, part = f"#frame:{label[1]}" + (f"({stamp[0]})" if stamp else ""), n, ""
         elif match := known.match(line):
             said.setdefault(match[1].lower().replace("columns", "cols"), match[2])
-        elif frames and line.lower().startswith(("sensor", "group")):
-            skipping, part = line.lower().startswith("group"), line[7:].strip(" ,;\t")
-        elif frames and (clock := _CLOCK.search(line)) and line.lower().startswith("time"):
-            frames[-1]["time"] = _stamp(clock[0])
+        elif at is not None and line.lower().startswith(("sensor", "group")):
+            part = None if line.lower().startswith("group") else line[7:].strip(" ,;\t")
+        elif at is not None and line.lower().startswith("time") and (clock := _CLOCK.search(line)):
+            kept[at] += f"({_stamp(clock[0])!r}s)"
         elif (
-            frames and not skipping and re.match(r"[-+.\dB]", line) and not re.search(r"[a-zA-DF-Z]{2}", line)
+            None not in (at, part) and re.match(r"[-+.\dB]", line) and not re.search(r"[a-zA-DF-Z]{2}", line)
         ):
-            mark = next((m for m in (";", "\t", ",") if m in raw), None)
-            cells = cells_of(raw, mark)
-            while cells and not cells[-1]:
-                cells.pop()
-            try:
-                row = [math.nan if c == "B" else _value(c) for c in cells]
-            except ValueError:
-                raise InputError(
-                    path, f"line {number}", one_line(line, 40), "a row of numbers, or B"
-                ) from None
-            frames[-1]["parts"].setdefault(part, []).append((number, row))
+            parts.setdefault(part, []).append(n)
     try:
-        rows, cols = int(re.split(r"\D", said["rows"])[0]), int(re.split(r"\D", said["cols"])[0])
+        rows, cols = (int(re.split(r"\D", said[name])[0]) for name in ("rows", "cols"))
     except (KeyError, ValueError):
-        raise InputError(
-            path, "rows, cols", ", ".join(said) or "nothing", "whole numbers of both in the header"
-        ) from None
-    if (layout.rows or rows, layout.cols or cols) != (rows, cols):
-        raise InputError(
-            path, "--rows, --cols", f"{layout.rows}, {layout.cols}", f"{rows} and {cols}, as the file says"
-        )
-    _bounded(path, len(frames) * rows * cols)
-    parts = list(dict.fromkeys(part for frame in frames for part in frame["parts"]))
+        allowed = "whole numbers of both in the header"
+        raise InputError(path, "rows, cols", ", ".join(said) or "nothing", allowed) from None
     if (layout.part is None and len(parts) != 1) or (layout.part or 1) > len(parts):
         listed = ", ".join(f"{n} {part}" for n, part in enumerate(parts, 1)) or "none"
         raise InputError(path, "sensors", one_line(listed, 200), f"--part 1..{len(parts)}")
-    values = np.full((len(frames), rows, cols), np.nan)
-    for n, frame in enumerate(frames):
-        got = frame["parts"].get(parts[(layout.part or 1) - 1], [])
-        if wrong := next((k for k in got if len(k[1]) != cols), None):
-            raise InputError(
-                path, f"line {wrong[0]}", f"{len(wrong[1])} values", f"{cols}, as the header says"
-            )
-        if len(got) == rows:
-            values[n] = [row for _, row in got]
-        elif len(got) > rows:
-            raise InputError(
-                path, f"line {got[rows][0]}", f"row {rows + 1} of a frame", f"{rows} rows, as the header says"
-            )
-        else:
-            warn(path, f"frame {frame['number']} has {len(got)} of {rows} lines: missing as a whole")
-    found = Found(values, shape=(rows, cols), order="row by row, as the maker writes them")
-    found.number = np.array([frame["number"] for frame in frames], dtype=float)
-    found.ignored = [f"sensor {part}" for n, part in enumerate(parts, 1) if n != (layout.part or 1)]
-    if all(frame["time"] is not None for frame in frames):
-        found.time, found.time_from = np.array([frame["time"] for frame in frames]), "stamps of the frames"
-        found.time += 86400.0 * np.cumsum(np.diff(found.time, prepend=found.time[0]) < -43200)
-    elif step := re.match(r"[\d.,]+", said.get("seconds_per_frame", "")):
+    chosen = list(parts)[(layout.part or 1) - 1]
+    for n in parts[chosen]:
+        kept[n] = lines[n].rstrip(" \t,;")
+    found = Table(path, kept, replace(layout, rows=rows, cols=cols, header=False)).found()
+    found.shape, found.order = (rows, cols), "row by row, as the maker writes them"
+    found.ignored = [f"sensor {part}" for part in parts if part != chosen]
+    step = re.match(_NUMBER, said.get("seconds_per_frame", ""))
+    if step and found.time is None and found.number is not None:
         found.time, found.time_from = found.number * _decimal(step[0]), "seconds_per_frame"
-    found.time_unit = "s"
+        found.time_unit = "s"
     found.area_mm2 = _area(said)
-    unit = re.sub(r"[\s^]", "", said.get("units", "").strip(' ,;"')).lower().replace("²", "2")
-    if unit in KPA:
-        found.values, found.unit = values * KPA[unit], "kpa"
-    elif unit in NEWTONS:
-        found.values, found.unit = values * NEWTONS[unit], "newtons"
+    found.scale(said.get("units", ""))
     return found
 
 
@@ -959,8 +855,9 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
     """Read a list of novel emed: pictures with numbers of rows and columns at their margins, and sums as Force."""
     frames: list[tuple[int, dict[tuple[int, int], float]]] = []
     columns: list[str] = []
-    sums: list[tuple[list[float], float]] = []
+    sums: list[tuple[float, float]] = []
     inside = False
+    head = ""
     for number, line in enumerate(lines, 1):
         cells = line.replace(",", ".").split()
         if match := _PICTURE.match(line):
@@ -968,19 +865,20 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
                 frames.append((int(match[1]), {}))
             columns, inside = [], True
         elif inside and not columns:
-            columns = cells if cells and all(re.fullmatch(r"[0-9]{1,5}|Force", c) for c in cells) else []
+            columns = cells if all(re.fullmatch(r"[0-9]{1,5}|Force", c) for c in cells) else []
         elif inside and cells and re.fullmatch(r"[0-9]{1,5}", cells[0]):
             if len(cells) != len(columns) + 1 or not all(map(_is, cells)):
-                raise InputError(
-                    path, f"line {number}", one_line(line, 40), f"a row and {len(columns)} values"
-                )
-            if columns[-1] == "Force":
-                sums.append(([float(cell) for cell in cells[1:-1]], float(cells[-1])))
-            for column, cell in zip(columns, cells[1:], strict=True):
-                if column != "Force":
-                    frames[-1][1][int(cells[0]), int(column)] = float(cell)
+                said = f"a row and {len(columns)} values"
+                raise InputError(path, f"line {number}", one_line(line, 40), said)
+            row, *values = map(float, cells)
+            for column, value in zip(columns, values, strict=True):
+                if column == "Force":
+                    sums.append((sum(values[:-1]), value))
+                else:
+                    frames[-1][1][int(row), int(column)] = value
         elif columns:
             inside = False
+        head += "" if frames else line + " "
     places = np.array([at for _, frame in frames for at in frame])
     if not places.size:
         raise InputError(path, "pictures", 0, "a picture with numbers of rows and columns")
@@ -996,23 +894,17 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
     for n, (_, frame) in enumerate(frames):
         for (r, c), value in frame.items():
             values[n, r - low[0], c - low[1]] = value
-    head = " ".join(lines[: lines.index(next(line for line in lines if _PICTURE.match(line)))])
-    found = Found(
-        values, number=np.array([n for n, _ in frames], dtype=float), shape=(rows, cols), time_unit="s"
-    )
+    found = Found(values, number=np.array([n for n, _ in frames], dtype=float), shape=(rows, cols))
     found.order = f"by the numbers at the margins, rows from {low[0]} and columns from {low[1]}"
     found.ignored = ["Force"]
-    if step := re.search(r"Time(?:/| per )picture:?\s*([\d.,]+)\s*(m?s)", head):
-        scale = 1e-3 if step[2] == "ms" else 1.0
-        found.time, found.time_from = (
-            found.number * _decimal(step[1]) * scale,
-            "time per picture",
-        )
-    if size := re.search(r"Sensor size\D*([\d.,]+)\s*(?:mm|cm)?\s*[x*]\s*([\d.,]+)\s*(mm|cm)", head):
+    if step := re.search(rf"Time(?:/| per )picture:?\s*{_NUMBER}\s*(m?s)", head):
+        found.time, found.time_from = found.number * _decimal(step[1]), "time per picture"
+        found.time_unit = step[2]
+    if size := re.search(rf"Sensor size\D*{_NUMBER}\s*(?:mm|cm)?\s*[x*]\s*{_NUMBER}\s*(mm|cm)", head):
         found.area_mm2 = math.prod(_decimal(side) * _MM[size[3]] for side in size.groups()[:2])
         # The margins have newtons, so they tell the unit of the values.
-        known = [(sum(values), force) for values, force in sums if force > 1]
-        unit_n = np.median([force / total for total, force in known]) / found.area_mm2 if known else 0.0
+        known = [force / total for total, force in sums if force > 1]
+        unit_n = np.median(known) / found.area_mm2 if known else 0.0
         factor = next((f for f in (1.0, 10.0) if abs(unit_n * 1e3 / f - 1) < _MARGIN), None)
         if factor is not None:
             found.values, found.unit = values * factor, "kpa"
@@ -1021,14 +913,12 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
 
 def _area(said: dict[str, str]) -> float | None:
     """Return the area of a sensel in mm2 from the header of a maker."""
-    found = []
+    found = {}
     for key in ("row_spacing", "col_spacing", "sensel height", "sensel width", "sensel_area"):
-        number, unit = (
-            re.search(r"\d+([.,]\d+)?", said.get(key, "")),
-            re.search(r"[a-z]+", said.get(key, "").lower()),
-        )
+        text = said.get(key, "").lower()
+        number, unit = re.search(_NUMBER, text), re.search(r"[a-z]+", re.sub(_NUMBER, "", text))
         if number and unit and unit[0] in _MM:
-            found.append((key, _decimal(number[0]), _MM[unit[0]]))
-    if found and found[-1][0] == "sensel_area":
-        return found[-1][1] * found[-1][2] ** 2
-    return found[0][1] * found[0][2] * found[1][1] * found[1][2] if len(found) >= 2 else None
+            found[key] = _decimal(number[0]), _MM[unit[0]]
+    if "sensel_area" in found:
+        return found["sensel_area"][0] * found["sensel_area"][1] ** 2
+    return math.prod(side * mm for side, mm in [*found.values()][:2]) if len(found) >= 2 else None

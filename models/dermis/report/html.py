@@ -49,6 +49,7 @@ def write(
     runs: Sequence[Path],
     images: Sequence[Path] = (),
     command: Sequence[str] | None = None,
+    maps: Sequence[tuple[str, NDArray[Any], str]] = (),
 ) -> None:
     """Write a report page.
 
@@ -60,6 +61,7 @@ def write(
     runs : directories that `dermis run` or the like has filled
     images : figures of the command, PNG; the first is on the first screen, else that of the first run
     command : the command that repeats it; that of this process by default
+    maps : words, values [rows, cols] and unit of pictures with a value at each place
     """
     command = ["dermis", *sys.argv[1:]] if command is None else command
     picture = _picture(runs, images)
@@ -74,6 +76,7 @@ def write(
         },
         runs=[_run(directory) for directory in runs[:RUNS_DRAWN]],
         more=runs[RUNS_DRAWN:],
+        maps=[_map(*found) for found in maps],
         images=[image for image in images if image != picture],
         versions=output.versions(),
     )
@@ -205,7 +208,10 @@ def _map(
     shares = (values - low) / (high - low if high > low else 1.0)
     colours = [[to_hex(colour) for colour in row] for row in colormaps[palette](shares)]
     words = [
-        [f"row {r}, column {c}: {v:.4g} {label}".rstrip() for c, v in enumerate(row)]
+        [
+            f"row {r}, column {c}: {'no value' if np.isnan(v) else f'{v:.4g} {label}'.rstrip()}"
+            for c, v in enumerate(row)
+        ]
         for r, row in enumerate(values)
     ]
     cells = [list(zip(*row, strict=True)) for row in zip(colours, words, strict=True)]
@@ -240,14 +246,14 @@ def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
     optional("jinja2", "report")
     if path.is_dir() or not path.parent.is_dir():
         raise InputError("command line", "--html", str(path), "a file in a directory that is there")
-    tables, runs = len(verdict.WRITTEN), len(output.WRITTEN)
+    tables, runs, maps = len(verdict.WRITTEN), len(output.WRITTEN), len(output.MAPS)
     start = time.time()
     code = call()
     written = dict(verdict.WRITTEN[tables:])
     done = list(dict.fromkeys(output.WRITTEN[runs:]))
     # Figures of an earlier call are not this one's.
     images = [i for target in written for i in _images(target) if not done or i.stat().st_mtime >= start]
-    write(path, f"dermis {name}", written, done, images)
+    write(path, f"dermis {name}", written, done, images, maps=output.MAPS[maps:])
     return code
 
 

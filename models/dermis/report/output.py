@@ -41,6 +41,9 @@ SOMETIMES = ("codes_low.npy", "codes_high.npy", "frame.png", "transient.png", "w
 WRITTEN: list[Path] = []
 """Directories that this process has filled with results of runs."""
 
+MAPS: list[tuple[str, NDArray, str]] = []
+"""Maps of this process for a report page: words, values [rows, cols] and unit."""
+
 _PARTIAL, _COMPLETE = ".partial_", ".complete_"
 """Prefixes of directories: files being written, and a complete set to be moved."""
 

@@ -7,6 +7,8 @@ import dataclasses
 import io
 import json
 import re
+import shutil
+import tempfile
 import warnings
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,7 @@ from numpy.typing import NDArray
 from dermis import engines
 from dermis import plan as planning
 from dermis.chip.spi_protocol import RowsOfInterest
-from dermis.decode import calibration, recording
+from dermis.decode import calibration, recording, recording_bag
 from dermis.decode.decoder import UNSOLVED, Forces
 from dermis.errors import InputError, one_line, optional
 from dermis.files import write_atomic
@@ -254,18 +256,26 @@ def understood(rec: recording.Recording, unit: str, area_mm2: float | None) -> d
     }
 
 
-def touch_map(force: Floats) -> list[str]:
-    """Return the frame with the most force as lines of characters, the largest force of each place; at most 32 x 64."""
+def strongest(force: Floats, rows: int, cols: int) -> tuple[str, Floats]:
+    """Return words for the frame with the most force, and the frame [at most rows, at most cols].
+
+    A place of a larger frame has the largest of its forces; NaN if all of them are missing.
+    """
     total = np.nansum(force, axis=(1, 2))
-    frame = np.nan_to_num(force[int(np.argmax(total))])
-    starts = [np.arange(0, n, -(-n // most)) for n, most in zip(frame.shape, (32, 64), strict=True)]
-    small = np.maximum.reduceat(np.maximum.reduceat(frame, starts[0], axis=0), starts[1], axis=1)
-    level = np.ceil(small / max(small.max(), 1e-300) * (len(SHADES) - 1)).astype(int)
-    lines = ["".join(SHADES[k] for k in row) for row in level]
-    return [
-        f"frame {int(np.argmax(total))}, {total.max():.4g} N in all, {frame.max():.4g} N at most:",
-        *lines,
-    ]
+    frame = force[int(np.argmax(total))]
+    words = f"frame {int(np.argmax(total))}, {total.max():.4g} N in all, {np.nanmax(frame):.4g} N at most"
+    for axis, most in enumerate((rows, cols)):
+        starts = np.arange(0, frame.shape[axis], -(-frame.shape[axis] // most))
+        frame = np.fmax.reduceat(frame, starts, axis=axis)
+    return words, frame
+
+
+def touch_map(force: Floats) -> list[str]:
+    """Return the frame with the most force as lines of characters, at most 32 x 64."""
+    words, frame = strongest(force, 32, 64)
+    frame = np.nan_to_num(frame)
+    level = np.ceil(frame / max(frame.max(), 1e-300) * (len(SHADES) - 1)).astype(int)
+    return [f"{words}:", *("".join(SHADES[k] for k in row) for row in level)]
 
 
 def interest_rows(codes: NDArray[Any], time_s: Floats, t_frame_s: float, late: int = 1) -> list[verdict.Row]:
@@ -336,7 +346,7 @@ def _missing_of(said: tuple[str, ...]) -> dict[str, Any]:
     callback=_axes_of,
     help="Axes of an array, as rows,cols,frames or taxels,frames; a number takes a part.",
 )
-@click.option("--key", help="Name of the array in an npz, mat or HDF5 file.")
+@click.option("--key", help="Name of the array in an npz, mat or HDF5 file; topic, or topic.field, of a bag.")
 @click.option("--time-key", help="Name of the array, or name or number of the column, with the times.")
 @click.option("--time-unit", type=click.Choice(list(recording.TIME_UNITS)), help="Unit of the times.")
 @click.option(
@@ -365,6 +375,7 @@ def _missing_of(said: tuple[str, ...]) -> dict[str, Any]:
 )
 @click.option("--out", type=click.Path(), help="Directory of the results; default build/read/FILE.")
 @click.option("--hdf5", is_flag=True, help="Also write forces.h5.")
+@click.option("--bag", type=click.Choice(["mcap", "sqlite3"]), help="Also write forces_bag, a ROS 2 bag.")
 def read_command(
     file: str,
     unit: str | None,
@@ -377,6 +388,7 @@ def read_command(
     known: str | None,
     out: str | None,
     hdf5: bool,
+    bag: str | None,
     through_chip: bool,
     header: str | None,
     missing: tuple[str, ...],
@@ -438,10 +450,11 @@ def read_command(
         said = {"file": str(file), "unit": unit, "scene": scene or "default chip", "calibration": known}
         told = understood(rec, unit, area_mm2)
         said |= {"decoded": decodes, "understood": told, "warnings": notes}
-        write(target, rec, codes, found, judged, said, hdf5)
+        write(target, rec, codes, found, judged, said, hdf5, bag)
         for name, value in told.items():
             click.echo(f"{name:8} {value}")
         click.echo("\n".join(touch_map(found.force_n)))
+        output.MAPS.append((*strongest(np.where(rec.present, found.force_n, np.nan), 64, 64), "N"))
         verdict.write_rows("read", judged)
         taxels = int(rec.present.sum())
         title = f"{one_line(file)}: {frames} frames of {rows} x {cols}, {taxels} taxels, time from {rec.time_from}"
@@ -474,8 +487,9 @@ def write(
     rows: list[verdict.Row],
     said: dict[str, Any],
     hdf5: bool = False,
+    bag: str | None = None,
 ) -> None:
-    """Write codes and forces with time (csv, npy, HDF5 if asked for) and, last, summary.json."""
+    """Write codes and forces with time (csv, npy, HDF5 and a ROS 2 bag if asked for) and, last, summary.json."""
     summary = said | {
         "frames": len(codes),
         "rows": codes.shape[1],
@@ -502,9 +516,18 @@ def write(
         "forces_n.csv": output.csv_of(found.force_n, ".6g", rec.time_s),
         "summary.json": json.dumps(summary, indent=1, allow_nan=False) + "\n",
     }
-    # A summary is there only with the files that it describes.
-    for name in ("summary.json", "forces.h5"):
-        (target / name).unlink(missing_ok=True)
+    target.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=target, prefix=".bag_") as held:
+        if bag is not None:
+            topics = {"force_n": found.force_n, "low_n": found.low_n, "high_n": found.high_n}
+            topics = {f"/dermis/{name}": np.where(rec.present, a, np.nan) for name, a in topics.items()}
+            recording_bag.write(Path(held) / "bag", topics, rec.time_s, bag)
+        # A summary is there only with the files that it describes.
+        for name in ("summary.json", "forces.h5"):
+            (target / name).unlink(missing_ok=True)
+        shutil.rmtree(target / "forces_bag", ignore_errors=True)
+        if bag is not None:
+            (Path(held) / "bag").rename(target / "forces_bag")
     for name, content in files.items():
         write_atomic(target / name, content)
 

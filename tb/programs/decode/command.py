@@ -25,7 +25,7 @@ from dermis.records import Plan
 from dermis.report import calibrate, read, verdict
 from dermis.scene import scene as scenes
 from dermis.skin import Skin
-from tb.programs.decode import files, published, session
+from tb.programs.decode import files, kinds, published, session
 
 Floats = NDArray[np.float64]
 
@@ -234,6 +234,13 @@ def coverage_row() -> verdict.Row:
     return row | ({} if width <= 2 else {"status": "FAIL"})
 
 
+def kinds_row() -> verdict.Row:
+    """Judge files of every kind."""
+    wrong, count = kinds.faults(), len(kinds.CASES)
+    note = "; ".join(f"{name}: {said}" for name, said in wrong.items()) or f"{count} files"
+    return verdict.judge("read.kinds", 1 - len(wrong) / count, note)
+
+
 def recordings() -> list[verdict.Row]:
     """Judge files of random layouts, and codes that go through a file."""
     chip = read.chip_of(16, 16, None)
@@ -256,6 +263,7 @@ def recordings() -> list[verdict.Row]:
     said = ", ".join(f"{n} {name}" for name, n in counts.items())
     note = f"all taxels pressed at once: {crowd:.2g} of {FULL_N:g} N / {chip.timing.code_max}"
     return [
+        kinds_row(),
         verdict.judge("read.silent_wrong", counts["wrong"], said),
         verdict.judge("read.codes_roundtrip", worst, note),
     ]

@@ -1,0 +1,616 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of every kind that `dermis read` knows, written from one known recording, and those that it must ask about."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import shutil
+import tempfile
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import scipy.io
+from numpy.typing import NDArray
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from dermis.decode import recording
+from dermis.errors import InputError
+
+Floats = NDArray[np.float64]
+
+ROWS, COLS, COUNT = 4, 6, 20
+FRAMES: Floats = np.round(np.random.default_rng(20_261_126).uniform(0, 99, (COUNT, ROWS, COLS)), 2)
+TIME: Floats = 0.02 * np.arange(COUNT)
+SIZE = {"rows": ROWS, "cols": COLS}
+RATE = {"rate_hz": 50.0}
+EPOCH_NS = 1_760_000_000_900_000_000
+STAMPS = [EPOCH_NS + 20_000_000 * n for n in range(COUNT)]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A file and the truth about it.
+
+    Attributes
+    ----------
+    file : str
+        Its name.
+    content : str, bytes or callable
+        The content, or a program that writes the file.
+    options : dict
+        Of `recording.Layout`.
+    values, time_s : ndarray or None
+        [frames, rows, cols], NaN where a value is missing or, in every frame, where there is no taxel; [frames] in
+        seconds from the first. None: those of the known recording.
+    unit, area_mm2 : str or None, float or None
+    asks : str
+        Option that the question must name, for a file that does not tell the answer.
+    says : str
+        Words of a warning.
+    """
+
+    file: str
+    content: str | bytes | Callable[[Path], None]
+    options: dict[str, Any] = field(default_factory=dict)
+    values: Floats | None = None
+    time_s: Floats | None = None
+    unit: str | None = None
+    area_mm2: float | None = None
+    asks: str = ""
+    says: str = ""
+
+
+def fault(case: Case, directory: Path) -> str | None:
+    """Write and read a file; return what is wrong with the reading, or None."""
+    path = directory / case.file
+    if callable(case.content):
+        case.content(path)
+    else:
+        path.write_bytes(case.content.encode() if isinstance(case.content, str) else case.content)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            found = recording.load(path, recording.Layout(**case.options))
+        except InputError as error:
+            said = str(error)
+            return None if case.asks and case.asks in said and "\n" not in said else f"refused: {said}"
+    if case.asks:
+        return f"read as {found.values.shape}, {found.order}; {case.asks} is not asked for"
+    if case.says not in " ".join(str(said.message) for said in caught):
+        return f"no warning: {case.says}"
+    values = FRAMES if case.values is None else case.values
+    time_s = TIME if case.time_s is None else case.time_s
+    if found.values.shape != values.shape:
+        return f"shape {found.values.shape}"
+    absent = np.isnan(values).all(axis=0)
+    wanted = np.where(absent, 0.0, values)
+    # Factors of units have seven digits.
+    same = np.allclose(found.values, wanted, rtol=2e-7, atol=0, equal_nan=True)
+    if not same or not (found.present == ~absent).all():
+        return "values"
+    # A double holds the seconds since 1970 to 2.4e-7.
+    if not np.allclose(found.time_s, time_s, rtol=0, atol=2.4e-7):
+        return f"times {found.time_s[:4]}"
+    if found.unit != case.unit or (found.area_mm2 is None) != (case.area_mm2 is None):
+        return f"unit {found.unit}, area {found.area_mm2}"
+    # Inches of the header have eight digits.
+    if case.area_mm2 is not None and not np.isclose(found.area_mm2, case.area_mm2, rtol=1e-6):
+        return f"area {found.area_mm2}"
+    return None
+
+
+def faults(cases: dict[str, Case] | None = None) -> dict[str, str]:
+    """Return the faults of all files by their names."""
+    found = {}
+    for name, case in (CASES if cases is None else cases).items():
+        with tempfile.TemporaryDirectory() as held:
+            if (said := fault(case, Path(held))) is not None:
+                found[name] = said
+    return found
+
+
+# ---- texts
+
+
+def cells(values: Iterable[float], point: str = ".") -> list[str]:
+    """Return numbers as text, with their decimal point."""
+    return [f"{v:g}".replace(".", point) for v in values]
+
+
+def table(
+    name: Callable[[int, int], str] | None,
+    lead: dict[str, Sequence[str]] | None = None,
+    order: str = "C",
+    mark: str = ",",
+    point: str = ".",
+    middle: dict[str, Sequence[str]] | None = None,
+) -> str:
+    """Return a text with a frame a line: columns `lead`, the taxels by `order`, and columns amid the taxels."""
+    places = [(r, c) for r in range(ROWS) for c in range(COLS)]
+    if order in ("F", "text"):
+        places.sort(key=(lambda at: at[::-1]) if order == "F" else lambda at: name(*at))
+    elif order == "descending":
+        places.reverse()
+    columns = [(name(*at) if name else "", cells(FRAMES[:, *at], point)) for at in places]
+    columns[9:9] = list((middle or {}).items())
+    columns[:0] = list((lead or {}).items())
+    lines = [mark.join(n for n, _ in columns)] if name else []
+    lines += [mark.join(column[n] for _, column in columns) for n in range(COUNT)]
+    return "\n".join(lines) + "\n"
+
+
+def flat(r: int, c: int) -> str:
+    return f"p{r * COLS + c}"
+
+
+def seconds(factor: float = 1.0, start: float = 0.0) -> list[str]:
+    return [f"{start + t * factor:.12g}" for t in TIME]
+
+
+def blocks(part: str, lost: Sequence[tuple[int, int]] = (), point: str = ".", mark: str = ",") -> str:
+    """Return a text with a row a line, and `part` before every frame."""
+    lines = []
+    for n, frame in enumerate(FRAMES):
+        lines.append(part.format(n=n, t=0.02 * n))
+        lines += [mark.join(cells(row, point)) for r, row in enumerate(frame) if (n, r) not in lost]
+    return "\n".join(lines) + "\n"
+
+
+def without(frames: Sequence[int] = (), cell: tuple[int, int, int] | None = None) -> Floats:
+    values = FRAMES.copy()
+    values[list(frames)] = np.nan
+    if cell is not None:
+        values[cell] = np.nan
+    return values
+
+
+def gap(cell: str) -> str:
+    """Return a table whose frame 3 has no number in row 0, column 5."""
+    lines = table(flat, {"time": seconds()}).splitlines()
+    row = lines[4].split(",")
+    row[6] = cell
+    lines[4] = ",".join(row)
+    return "\n".join(lines)
+
+
+# ---- makers
+
+
+def tekscan(
+    unit: str, space: str, label: str, end: str = "", skip: Sequence[int] = (), point: str = "."
+) -> str:
+    """Return an export of Tekscan; row 0, column 5 has no sensel."""
+    head = ["DATA_TYPE MOVIE", f"ROWS {ROWS}", f"COLS {COLS}", f"ROW_SPACING {space}", f"COL_SPACING {space}"]
+    head += ["SECONDS_PER_FRAME 0.02", f"UNITS {unit}", "ASCII_DATA @@"]
+    lines, mark = [line + end for line in head], ";" if point == "," else ","
+    for n, frame in enumerate(FRAMES):
+        if n not in skip:
+            rows = [cells(row, point) for row in frame]
+            rows[0][5] = "B"
+            lines += ["", label.format(n=n + 1, t=0.02 * n), *map(mark.join, rows)]
+    return "\n".join([*lines, "@@"]) + "\n"
+
+
+def xsensor(order: str = "left right") -> str:
+    """Return an export of XSENSOR with two sensors; the right one has the known recording, the left one half of it."""
+    lines = ["\ufeffFile:,x", "Units:,mmHg"]
+    for n, frame in enumerate(FRAMES):
+        clock = f"23:59:{59.9 + 0.02 * n:06.3f}" if n < 5 else f"00:00:{0.02 * n - 0.1:06.3f}"
+        lines += [f"FRAME,{n}", f"Time, {clock}"]
+        for part in order.split():
+            lines += [f"SENSOR,{part}", f"Rows,{ROWS}", f"Columns,{COLS}", "Sensel Width (cm),0.5"]
+            lines += ["Sensel Height (cm),0.4", "SENSELS"]
+            lines += [",".join(cells(row * (0.5 if part == "left" else 1))) + ",,," for row in frame]
+        lines += ["GROUP,1", "Cells,2", "SENSELS", "1,2,,,,"]
+    return "\n\n".join(lines)
+
+
+def emed() -> str:
+    """Return a list of novel emed: rows 21 to 24, columns 11 to 16, two pages a picture, sums at the margins."""
+    head = (
+        "File: x\tMatrix: 64x95\n\tSensor area: 0.25 cm²\tTime/picture:20.0 ms\nSensor size: 0.500x0.500 cm\n"
+    )
+    lines = [head]
+    for n, frame in enumerate(FRAMES):
+        for half in (range(3), range(3, 6)):
+            lines += [f"Page {n}", f"Pict-No.: {n + 1}  {20 * n} ms", ""]
+            lines.append("  ".join(str(c + 11) for c in half) + "  Force")
+            for r in range(ROWS):
+                row = frame[r, list(half)]
+                lines.append(f"{r + 21} " + " ".join(f"{v:.2f}" for v in (*row, row.sum() * 0.025)))
+            lines += ["Force " + "999 " * 4, "\x0c"]
+    return "\n".join([*lines, "Page 9", "MVP", "", "11 12", "21 999 999"])
+
+
+PLIANCE = [n for n in range(1, ROWS * COLS + 1) if n % COLS not in (1, 2)]
+NOVEL = "file name: x date/time 17.06.23\nscanning rate [Hz]: 50\npressure values in kPa\n\n"
+
+
+def pliance() -> str:
+    """Return an export of novel pliance whose sensors are numbered, without those of two columns."""
+    lines = [NOVEL + "electrical:", "time[secs]  " + "  ".join(map(str, PLIANCE))]
+    for t, frame in zip(TIME, FRAMES, strict=True):
+        lines.append(f"{t:.5f}  " + "  ".join(f"{frame.ravel()[k - 1]:.3f}" for k in PLIANCE))
+    return "\n".join([*lines, "MVP  " + "9  " * len(PLIANCE), "", "time[secs] force[N]", "0 9"])
+
+
+def pedar() -> str:
+    """Return an export of novel pedar: two soles with the same numbers; the right one has the known recording."""
+    lines = ["time[secs]\t" + "\t".join(str(k) for _ in range(2) for k in range(1, ROWS * COLS + 1))]
+    for t, frame in zip(TIME, FRAMES, strict=True):
+        lines.append("\t".join([f"{t:.2f}", *cells((*(0 * frame).ravel(), *frame.ravel()))]))
+    return NOVEL + "\n".join(lines)
+
+
+NO_COLUMNS = FRAMES.copy()
+NO_COLUMNS[:, :, :2] = np.nan
+NO_SENSEL = FRAMES.copy()
+NO_SENSEL[:, 0, 5] = np.nan
+
+# ---- binary files
+
+
+def npy(array: NDArray[Any]) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def mat(path: Path) -> None:
+    scipy.io.savemat(path, {"P": np.moveaxis(FRAMES, 0, 2), "t": TIME, "fs": 50.0}, do_compression=True)
+
+
+def mat73(path: Path) -> None:
+    # MATLAB 7.3 is HDF5 behind 512 bytes of its own; arrays have their axes reversed.
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["P"], file["t"] = np.moveaxis(FRAMES, 0, 2).T, TIME[:, np.newaxis]
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + path.read_bytes()[512:])
+
+
+def parquet(made: dict[str, Any]) -> Callable[[Path], None]:
+    """Return a program that writes columns as Parquet."""
+    return lambda path: pq.write_table(pa.table(made), path)
+
+
+def columns(name: Callable[[int, int], str], order: str = "C") -> dict[str, Floats]:
+    """Return the columns of the taxels by name, row by row or column by column."""
+    places = [(r, c) for r in range(ROWS) for c in range(COLS)]
+    places.sort(key=lambda at: at[::-1] if order == "F" else at)
+    return {name(*at): FRAMES[:, *at] for at in places}
+
+
+def levels(path: Path) -> None:
+    """Write a table of pandas with rows and columns as two levels of names, and times as its index."""
+    names = pd.MultiIndex.from_product([[f"r{r}" for r in range(ROWS)], [f"c{c}" for c in range(COLS)]])
+    index = pd.to_datetime(STAMPS, unit="ns")
+    pd.DataFrame(FRAMES.reshape(COUNT, -1), columns=names, index=index).to_parquet(path)
+
+
+LISTS = {"stamp": pa.array(STAMPS, pa.timestamp("ns")), "data": [frame.ravel().tolist() for frame in FRAMES]}
+
+# ---- bags
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+TOUCH = "std_msgs/Header header\nuint16 rows\nuint16 cols\nfloat32[] force\nfloat32[] low"
+STORE.register(get_types_from_msg(TOUCH, "skin/msg/Touch"))
+STORE.register(get_types_from_msg("builtin_interfaces/Time stamp\nfloat32[24] force", "skin/msg/Stamped"))
+LISTED_FIELDS = "std_msgs/Header header\nsensor_msgs/ChannelFloat32[] sensors"
+STORE.register(get_types_from_msg(LISTED_FIELDS, "skin/msg/Listed"))
+T = STORE.types
+WHOLE = np.floor(FRAMES * 100)
+
+
+def header(ns: int) -> Any:
+    return T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9), "palm")
+
+
+def multi(frame: NDArray[Any], kind: str, dims: Sequence[tuple[str, int, int]] = (), offset: int = 0) -> Any:
+    """Return a multi-array message."""
+    made = [T["std_msgs/msg/MultiArrayDimension"](*d) for d in dims]
+    return T[f"std_msgs/msg/{kind}MultiArray"](T["std_msgs/msg/MultiArrayLayout"](made, offset), frame)
+
+
+def image(ns: int, frame: NDArray[Any], encoding: str, pad: int = 0) -> Any:
+    """Return an image message of [rows, cols] or [rows, cols, channels], rows with `pad` bytes at their end."""
+    rows = frame.reshape(len(frame), -1).view(np.uint8)
+    big = frame.dtype.byteorder == ">"
+    data = np.pad(rows, ((0, 0), (0, pad)), constant_values=77)
+    return T["sensor_msgs/msg/Image"](
+        header(ns), *frame.shape[:2], encoding, int(big), data.shape[1], data.ravel()
+    )
+
+
+def bag(
+    topics: dict[str, tuple[str, Sequence[Any]]],
+    storage: str = "mcap",
+    file: bool = False,
+    received: Sequence[int] = STAMPS,
+) -> Callable[[Path], None]:
+    """Return a program that writes a bag, or its one file, of messages by topic, each with its type."""
+
+    def write(path: Path) -> None:
+        place = path.with_suffix(".bag") if file else path
+        with Writer(place, version=9, storage_plugin=StoragePlugin[storage.upper()]) as made:
+            for topic, (kind, messages) in topics.items():
+                connection = made.add_connection(topic, kind, typestore=STORE)
+                for ns, message in zip(received, messages, strict=True):
+                    made.write(connection, ns, STORE.serialize_cdr(message, kind))
+        if file:
+            shutil.move(next(p for p in place.iterdir() if p.name != "metadata.yaml"), path)
+
+    return write
+
+
+def touch(ns: int, frame: Floats) -> Any:
+    flat32 = frame.astype(np.float32).ravel()
+    return T["skin/msg/Touch"](header(ns), ROWS, COLS, flat32, 0 * flat32)
+
+
+SINGLE = FRAMES.astype(np.float32).astype(float)
+
+
+def arrays(kind: str, made: Callable[[Floats], NDArray[Any]], *told: Any) -> tuple[str, list[Any]]:
+    """Return the type and the messages of multi-arrays of the known recording, in hundredths for whole numbers."""
+    frames = FRAMES if kind.startswith("Float") else WHOLE
+    return f"std_msgs/msg/{kind}MultiArray", [multi(made(f), kind, *told) for f in frames]
+
+
+def images(made: Callable[[Floats], NDArray[Any]], encoding: str, pad: int = 0) -> tuple[str, list[Any]]:
+    """Return the type and the messages of images of the known recording, in hundredths for whole numbers."""
+    frames = FRAMES if "F" in encoding else WHOLE
+    made_of = [image(ns, made(f), encoding, pad) for ns, f in zip(STAMPS, frames, strict=True)]
+    return "sensor_msgs/msg/Image", made_of
+
+
+SINGLE = FRAMES.astype(np.float32).astype(float)
+FLOATS = arrays("Float32", lambda f: f.astype("f4").ravel())
+DIMS = [("rows", 4, 24), ("cols", 6, 6)]
+DOUBLES = arrays("Float64", np.ravel, DIMS)
+TURNED = arrays("Int32", lambda f: f.T.astype("i4").ravel(), [("cols", 6, 24), ("rows", 4, 4)])
+SHEAR = images(lambda f: np.stack([0 * f, f, f + 1], 2).astype("<f4"), "32FC3")
+BIG = images(lambda f: f.astype(">u2"), "16UC1", 4)
+LATER = BIG[0], [*BIG[1][:4], BIG[1][5], BIG[1][4], *BIG[1][6:]]
+OWN = "skin/msg/Touch", [touch(ns, f) for ns, f in zip(STAMPS, FRAMES, strict=True)]
+
+
+STAMPED = (
+    "skin/msg/Stamped",
+    [
+        T["skin/msg/Stamped"](
+            T["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9), f.astype("f4").ravel()
+        )
+        for ns, f in zip(STAMPS, FRAMES, strict=True)
+    ],
+)
+LISTED = (
+    "skin/msg/Listed",
+    [
+        T["skin/msg/Listed"](
+            header(ns), [T["sensor_msgs/msg/ChannelFloat32"]("palm", f.astype("f4").ravel())]
+        )
+        for ns, f in zip(STAMPS, FRAMES, strict=True)
+    ],
+)
+
+
+def padded(frame: Floats) -> NDArray[np.int16]:
+    return np.r_[-7, -7, np.pad(frame, ((0, 0), (0, 2)), constant_values=-9).ravel()].astype(np.int16)
+
+
+LATE = [ns + 3_000_000 * (n % 3) for n, ns in enumerate(STAMPS)]
+"""Times of reception that jitter by up to 6 ms."""
+
+DATES = [f"25.04.2023 10:49:00,{20 * n:03d}" for n in range(COUNT)]
+OWN_OUTPUT = "frame,time_s,row," + ",".join(f"c{c}" for c in range(COLS)) + "\n" + "".join(
+    f"{n},{0.02 * n:.6f},{r}," + ",".join(cells(row)) + "\n" for n, f in enumerate(FRAMES) for r, row in enumerate(f)
+)  # fmt: skip
+
+
+def csv(
+    name: Callable[[int, int], str] | None, lead: dict[str, Sequence[str]], asks: str = "", **of: Any
+) -> Case:
+    """Return the case of a csv of a known size."""
+    return Case(
+        "a.csv", table(name, lead, **of), SIZE if "time" in " ".join(lead).lower() else SIZE | RATE, asks=asks
+    )
+
+
+def by_time(name: Callable[[int, int], str], order: str = "C", asks: str = "", **options: int) -> Case:
+    """Return the case of a csv with a column of time, and no option unless given."""
+    return Case("a.csv", table(name, {"time": seconds()}, order), options, asks=asks)
+
+
+# From the definitions: a standard atmosphere is 101.325 kPa, 760 mmHg and 14.69595 psi.
+PSI = 101.325 / 14.69595
+MMHG = 101.325 / 760
+WIDE = np.arange(5.0 * 256).reshape(5, 8, 32)
+HANDS = np.stack([0 * FRAMES, FRAMES], 1)
+LINES = [f"Frame {n}\n" + ",".join(cells(f.ravel())) for n, f in enumerate(FRAMES)]
+LINES_LOST = "\n".join(LINES[:4] + LINES[5:])
+UNITS = ",".join(["ms"] + ["psi"] * ROWS * COLS)
+WITH_UNITS = table(flat, {"time": seconds(1e3)}).replace("\n", f"\n{UNITS}\n", 1)
+INDEX = {"": [str(n) for n in range(COUNT)]}
+SUM = {"sum": ["7"] * COUNT, "time": seconds()}
+IMU = {"imu_0": ["5"] * COUNT, "imu_1": ["6"] * COUNT}
+PAIR = {"stamp.sec": [str(s // 10**9) for s in STAMPS], "stamp.nanosec": [str(s % 10**9) for s in STAMPS]}
+WRAPPED = {"time_us": [str((2**32 - 50_000 + 20_000 * n) % 2**32) for n in range(COUNT)]}
+LIST = "".join(f'{t:.2f},"[{", ".join(cells(f.ravel()))}]"\n' for t, f in zip(TIME, FRAMES, strict=True))
+QUOTED = table(flat, {"time": seconds()}, mark='","').strip().replace("\n", '"\n"')
+KPA25 = {"unit": "kpa", "area_mm2": 25.0}
+LOST = np.delete(NO_SENSEL, 9, 0), np.delete(TIME, 9)
+
+CASES: dict[str, Case] = {
+    # Names and orders.
+    "names by columns": by_time(lambda r, c: f"r{r}c{c}", "F"),
+    "names descending": by_time(flat, "descending", **SIZE),
+    "names sorted as text": by_time(lambda r, c: f"taxel_{r * COLS + c}", "text", **SIZE),
+    "names from one": by_time(lambda r, c: f"row{r + 1}_col{c + 1}", "descending"),
+    "names with brackets": by_time(lambda r, c: f"s[{r}][{c}]", "F"),
+    "numbers as names": csv(lambda r, c: f"{r * COLS + c}", {}),
+    "numbers and an index": csv(lambda r, c: f"{r * COLS + c}", INDEX),
+    "names of some": by_time(lambda r, c: flat(r, c) if (r, c) != (2, 2) else "q", asks="--taxels"),
+    "two arrays in names": by_time(lambda r, c: f"{'lr'[r % 2]}_{r // 2 * COLS + c}", asks="--part"),
+    "columns amid taxels": csv(flat, SUM, middle=IMU),
+    # Times.
+    "time_ms": csv(flat, {"time_ms": seconds(1e3)}),
+    "Time [ms]": csv(flat, {"time [ms]": seconds(1e3)}),
+    "time in us": csv(flat, {"time_us": seconds(1e6)}),
+    "stamps in ns": csv(flat, {"timestamp": list(map(str, STAMPS))}),
+    "sec and nanosec": Case("a.csv", table(flat, PAIR), SIZE),
+    "a counter that wraps": Case("a.csv", table(flat, WRAPPED), SIZE, says="2^32"),
+    "a clock since power-on": csv(flat, {"timestamp": seconds(1e6, 1.5e9)}, "--time-unit"),
+    "time in minutes": csv(flat, {"Time [min]": seconds(1 / 60)}),
+    "time in hours": csv(flat, {"time_h": seconds(1 / 3600)}),
+    "time in an unknown unit": csv(flat, {"time [ks]": seconds(1e-3)}, "--time-unit"),
+    "time in days": csv(flat, {"time": seconds(1 / 86400)}, "--time-unit"),
+    "a line of units": Case("a.csv", WITH_UNITS, SIZE, FRAMES * PSI, unit="kpa"),
+    "a comment at the end": Case("a.csv", table(flat, {"time": seconds()}) + "# end of file\n", SIZE),
+    "a first column that rises": Case("a.csv", table(None, {"": seconds(0.5)}), SIZE, asks="--time-key"),
+    "decimal commas and dotted dates": csv(flat, {"time": DATES}, mark=";", point=","),
+    # Frames of several lines, missing cells.
+    "blank lines, lost rows": Case(
+        "a.csv", blocks("", [(7, 3), (8, 0)]), RATE, without([7, 8]), says="frame 8 has 3 of 4 lines"
+    ),
+    "comments, lost rows": Case("a.csv", blocks("# frame {n}", [(7, 3)]), RATE, without([7])),
+    "labels with times": Case("a.csv", blocks("Frame {n} ({t:.2f} s)"), SIZE),
+    "labels of frames of a line, one lost": Case(
+        "a.csv",
+        LINES_LOST,
+        SIZE | RATE,
+        np.delete(FRAMES, 4, 0),
+        np.delete(TIME, 4),
+        says="1 frames are lost",
+    ),
+    "its own output": Case("a.csv", OWN_OUTPUT),
+    "missing cell nan": Case("a.csv", gap("nan"), SIZE, without(cell=(3, 0, 5))),
+    "missing cell empty": Case("a.csv", gap(""), SIZE, without(cell=(3, 0, 5))),
+    "missing cell -": Case("a.csv", gap("-"), SIZE, without(cell=(3, 0, 5))),
+    "missing cell null": Case("a.csv", gap("null"), SIZE, without(cell=(3, 0, 5))),
+    # Codings and quotes.
+    "UTF-16": Case("a.txt", table(flat, {"time [µs]": seconds(1e6)}, mark="\t").encode("utf-16"), SIZE),
+    "Latin-1": Case("a.csv", table(flat, {"°": ["1"] * COUNT, "t": seconds()}).encode("latin-1"), SIZE),
+    "quoted cells": Case("a.csv", f'"{QUOTED}"', SIZE),
+    "a list in one column": Case("a.csv", "time,data\n" + LIST, SIZE),
+    "csv.gz": Case("a.csv.gz", gzip.compress(table(flat, {"t": seconds()}).encode()), SIZE),
+    # Makers.
+    "Tekscan, kPa": Case("a.asf", tekscan("KPa", "5 mm", "Frame {n}"), {}, NO_SENSEL, **KPA25),
+    "Tekscan, psi": Case("a.csv", tekscan("PSI", "0.5 cm", "Frame {n}", ",,,"), {}, NO_SENSEL * PSI, **KPA25),
+    "Tekscan, mmHg": Case(
+        "a.asf", tekscan("mmHg", "0.19685039 inches", "Frame {n}"), {}, NO_SENSEL * MMHG, **KPA25
+    ),
+    "Tekscan, N/cm2": Case("a.asf", tekscan("N/cm2", "5 mm", "Frame {n}"), {}, NO_SENSEL * 10, **KPA25),
+    "Tekscan, N, stamps, decimal commas": Case(
+        "a.csv",
+        tekscan("N", "5 mm", "Frame {n} ({t:.3f} s)", ";;", point=","),
+        {},
+        NO_SENSEL,
+        None,
+        "newtons",
+        25.0,
+    ),
+    "Tekscan, raw, a lost frame": Case(
+        "a.asf",
+        tekscan("Raw", "5 mm", "Frame {n}", skip=[9]),
+        {},
+        *LOST,
+        area_mm2=25.0,
+        says="1 frames are lost",
+    ),
+    "Tekscan, exponents": Case(
+        "a.asf",
+        tekscan("KPa", "5.0e-1 cm", "Frame {n}").replace("FRAME 0.02", "FRAME 2.0E-02"),
+        {},
+        NO_SENSEL,
+        **KPA25,
+    ),
+    "XSENSOR, two sensors": Case("a.csv", xsensor(), {}, asks="--part"),
+    "XSENSOR, one of two": Case("a.csv", xsensor(), {"part": 2}, FRAMES * MMHG, None, "kpa", 20.0),
+    "novel emed": Case("a.lst", emed().encode("latin-1"), {}, **KPA25),
+    "novel pliance": Case("a.asc", pliance(), SIZE, NO_COLUMNS, unit="kpa", says="another table"),
+    "novel pliance, size unknown": Case("a.asc", pliance(), {}, asks="--rows and --cols"),
+    "novel pedar": Case("a.asc", pedar(), SIZE | {"part": 2}, unit="kpa"),
+    "novel pedar, two soles": Case("a.asc", pedar(), SIZE, asks="--part"),
+    # Arrays.
+    "npy": Case("a.npy", npy(FRAMES), SIZE | RATE),
+    "npy, taxels first": Case("a.npy", npy(FRAMES.reshape(COUNT, -1).T), SIZE | RATE),
+    "npy, two hands": Case("a.npy", npy(HANDS), SIZE | RATE, asks="--axes"),
+    "npy, one of two hands": Case("a.npy", npy(HANDS), RATE | {"axes": ("frames", 1, "rows", "cols")}),
+    "npy, 256 columns": Case(
+        "a.npy", npy(WIDE.reshape(5, 256)), RATE | {"rows": 8, "cols": 32}, WIDE, TIME[:5]
+    ),
+    "MATLAB 5": Case("a.mat", mat),
+    "MATLAB 7.3": Case("a.mat", mat73),
+    # Parquet.
+    "Parquet": Case("a.parquet", parquet({"time_ms": TIME * 1e3, **columns(lambda r, c: f"r{r}c{c}", "F")})),
+    "Parquet, a list and stamps": Case("a.parquet", parquet(LISTS), SIZE),
+    "Parquet, rows of lists": Case("a.pq", parquet({"t": TIME, "force": FRAMES.tolist()})),
+    "Parquet, names of some": Case(
+        "a.parquet",
+        parquet({"t": TIME, **columns(lambda r, c: f"p{r * COLS + c + (r == 3) * 5}")}),
+        asks="--taxels",
+    ),
+    "Parquet of pandas, two levels of names": Case("a.parquet", levels),
+    # ROS 2 bags.
+    "mcap, Float32MultiArray": Case("a", bag({"/skin": FLOATS}), SIZE, SINGLE),
+    "sqlite3, Float64MultiArray": Case("a", bag({"/skin": DOUBLES}, "sqlite3")),
+    "one mcap file": Case("a.mcap", bag({"/skin": DOUBLES}, file=True)),
+    "one db3 file": Case("a.db3", bag({"/skin": DOUBLES}, "sqlite3", file=True)),
+    "strides of each dimension": Case(
+        "a", bag({"/skin": arrays("Float64", np.ravel, [("rows", 4, 6), ("cols", 6, 1)])})
+    ),
+    "strides that overlap": Case(
+        "a",
+        bag({"/skin": arrays("Float64", np.ravel, [("rows", 4, 3), ("cols", 6, 3)])}),
+        {"key": "/skin"},
+        asks="--rows",
+    ),
+    "Int16MultiArray, padding": Case(
+        "a", bag({"/skin": arrays("Int16", padded, [("y", 4, 32), ("x", 6, 8)], 2)}), {}, WHOLE
+    ),
+    "Int32MultiArray, columns first": Case("a", bag({"/skin": TURNED}), {}, WHOLE),
+    "16UC1, big-endian, padding": Case("a", bag({"/skin": BIG}, received=LATE), {}, WHOLE),
+    "32SC1": Case("a", bag({"/skin": images(lambda f: f.astype("<i4"), "32SC1")}), {}, WHOLE),
+    "32FC1": Case(
+        "a", bag({"/skin": images(lambda f: f.astype("<f4"), "32FC1")}, "sqlite3", received=LATE), {}, SINGLE
+    ),
+    "32FC3": Case("a", bag({"/skin": SHEAR}), asks="--axes"),
+    "a channel of 32FC3": Case("a", bag({"/skin": SHEAR}), {"axes": ("frames", "rows", "cols", 1)}, SINGLE),
+    "rgb8": Case(
+        "a",
+        bag({"/skin": images(lambda f: np.zeros((4, 6, 3), "u1"), "rgb8")}),
+        {"key": "/skin"},
+        asks="mono16",
+    ),
+    "two topics": Case("a", bag({"/skin": DOUBLES, "/other": DOUBLES}), asks="--key"),
+    "one of two topics": Case("a", bag({"/skin": DOUBLES, "/other": FLOATS}), {"key": "/skin"}),
+    "a field of an own message": Case(
+        "a", bag({"/skin": OWN}, received=LATE), {"key": "/skin.force"}, SINGLE
+    ),
+    "times of reception": Case(
+        "a",
+        bag({"/skin": BIG}, received=LATE),
+        {"time_key": "reception"},
+        WHOLE,
+        (np.array(LATE) - LATE[0]) * 1e-9,
+    ),
+    "a stamp without a header": Case("a", bag({"/skin": STAMPED}, received=LATE), SIZE, SINGLE),
+    "a list of messages": Case("a", bag({"/skin": LISTED}), SIZE, SINGLE),
+    "two frames in a message": Case(
+        "a",
+        bag({"/skin": arrays("Float64", lambda f: np.r_[f, f].ravel(), DIMS)}),
+        {"key": "/skin"},
+        asks="--rows",
+    ),
+    "sorted by stamps": Case("a", bag({"/skin": LATER}), {}, WHOLE, says="sorted by their stamps"),
+}
+"""Every kind of file of which the reader is judged."""
