@@ -253,7 +253,7 @@ def _scene(
         path = scenes.find(os.fspath(scene))
         data = schema.read_toml(path)
     elif scene is None or isinstance(scene, Mapping):
-        data = _plain(scene or {})
+        data = schema.plain(scene or {})
     else:
         allowed = "a path, a name or a dict; for arrays, force_n=... or resistance_ohm=..."
         raise InputError(_HERE, "scene", f"a {type(scene).__name__}", allowed)
@@ -263,9 +263,9 @@ def _scene(
         data["stimulus"] = _in_place(data.get("stimulus", {}), name, (tables or {}).get("stimulus", {}), path)
         if values.ndim in (2, 3):
             size = {"rows": values.shape[-2], "cols": values.shape[-1]}
-            data = _merged({"array": size}, data)
-    for table in (_plain(tables or {}), {"run": run}, {"effects": _plain(effects or {})}):
-        data = _merged(data, table)
+            data = schema.merged({"array": size}, data)
+    for table in (schema.plain(tables or {}), {"run": run}, {"effects": schema.plain(effects or {})}):
+        data = schema.merged(data, table)
     if empty := _empty(data):
         raise InputError(path, empty, "None", "a value; leave the key out for its default")
     table = schema.validate(scenes.SceneTable, data, path)
@@ -299,7 +299,7 @@ def _in_place(own: Any, name: str, asked: Any, path: Path) -> Any:
 
 def _design(design: DesignLike | None) -> Design:
     if isinstance(design, Mapping):
-        return designs.changed(_plain(design))
+        return designs.changed(schema.plain(design))
     return design if isinstance(design, Design) else designs.load(design)
 
 
@@ -311,31 +311,3 @@ def _empty(table: Mapping[str, Any]) -> str:
         if isinstance(value, Mapping) and (below := _empty(value)):
             return f"{key}.{below}"
     return ""
-
-
-def _merged(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return tables with the keys of `changes`; a stimulus of another kind, and an effect, are
-    replaced whole.
-    """
-    made = dict(data)
-    for name, value in changes.items():
-        before = made.get(name)
-        both = isinstance(before, dict) and isinstance(value, dict)
-        other_kind = (
-            name == "stimulus" and both and value.get("kind", before.get("kind")) != before.get("kind")
-        )
-        made[name] = before | value if both and not other_kind else value
-    return {name: value for name, value in made.items() if value != {} or name in data}
-
-
-def _plain(value: Any) -> Any:
-    """Convert to TOML types: numpy numbers, arrays, tuples and paths become numbers, lists and
-    text.
-    """
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return os.fspath(value) if isinstance(value, os.PathLike) else value
