@@ -223,6 +223,27 @@ def scene_names() -> list[str]:
     return sorted(path.stem for path in scenes.SCENES.glob("*.toml"))
 
 
+def warm_up() -> None:
+    """Compile the loops of `simulate`, `newtons` and `Skin` now, for later processes as well.
+
+    It takes a minute or two once an installation, and says so on standard error; afterwards half a second.
+    """
+    from dermis.skin import Skin  # compiled: numba takes 0.4 s to load
+
+    worn = dict.fromkeys(("row_driver", "sensor_hysteresis", "sensor_creep"), True)
+    size, force_n = {"rows": 2, "cols": 2}, np.ones((2, 2, 2))
+    for effects in (worn, worn | {"column_input": True, "trace": True}):
+        skin = Skin(array=size, effects=effects)
+        skin.decode(skin.read(force_n))
+    for effects in (
+        {"row_driver": True, "column_input": True},
+        {"thermal_noise": True, "integrator_gain": True},
+    ):
+        engine = "event" if "thermal_noise" in effects else "closed"
+        made = simulate(force_n=force_n, effects=effects, engine=engine)
+        newtons(made.codes, made, corrected=True)
+
+
 def _given(**arrays: ArrayLike | None) -> tuple[str, NDArray[Any]] | None:
     """Return the one array of a stimulus that was given, with its name."""
     given = {name: values for name, values in arrays.items() if values is not None}

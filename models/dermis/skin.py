@@ -295,6 +295,8 @@ class Skin:
             middle = sheet_factor(replace(self._state, spread=0.0), (self.rows, self.cols), random_of(0))
             known = replace(true, factor=middle, factor_part=self._state.spread)
         known.check(self.rows, self.cols, "calibration")
+        kinds = [(c.code_max, c.falling, c.divider) for c in (true, known)]
+        self._other_read_out = kinds[0] != kinds[1]
         self.decoder = Decoder(known, self.t_frame_s)
         self._local, self._lock = threading.local(), threading.Lock()
         self._network, converter = self.plan.network(0), self.plan.converter
@@ -424,12 +426,19 @@ class Skin:
         ------
         ValueError
             A wrong shape, forces or times that are not finite or below 0, or an `out` of another shape or type.
+        InputError
+            The calibration is of another read-out than the scene.
         """
         forces = numbers(forces_n, "forces_n")
         count = self._shaped(forces, "forces_n")
         # A sum is NaN if anything is, and needs no second array.
         if forces.size and not (forces.min() >= 0 and forces.sum() < np.inf):
             raise ValueError("forces_n must be finite and 0 or above")
+        if self._other_read_out:
+            allowed = "that of the scene's own read-out: this one decodes codes of another"
+            raise InputError(
+                "Skin", "calibration", f"of codes to {self.decoder.calibration.code_max}", allowed
+            )
         kind = engines.code_type(self._true.code_max)
         if out is None:
             out = np.empty(forces.shape, kind)

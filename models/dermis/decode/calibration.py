@@ -23,6 +23,7 @@ from dermis.decode.law import KINDS, Curve, of_sensor
 from dermis.decode.memory import MemoryLaw
 from dermis.errors import InputError
 from dermis.files import text_of, write_atomic
+from dermis.machine_code import argument
 from dermis.records import Plan, setting_of
 from dermis.scene.sensor import SensorState, spread_factor
 
@@ -157,6 +158,18 @@ class Calibration:
             array = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), shape).copy()
             object.__setattr__(self, name, array)
         object.__setattr__(self, "offset_v2", np.broadcast_to(self.offset_v2, (3, self.cols)).astype(float))
+        # What compiled loops take as it is: an index outside, or a shape of another sheet, would read foreign memory.
+        for name in (*_PER_COLUMN, "factor", "factor_part", "offset_v2"):
+            argument(getattr(self, name), name, getattr(self, name).shape)
+        for name in ("v_bias_v", "g_max_s", "noise_code", "law_part", "uncorrected_part"):
+            argument(getattr(self, name), name, ())
+        for mode in self.modes:
+            argument(mode.factor_part, "factor_part of a mode", (self.rows, self.cols))
+        for r, c, *_ in (*self.reference, *self.own):
+            if not (0 <= r < self.rows and 0 <= c < self.cols):
+                raise ValueError(f"taxel {r}, {c} is not one of {self.rows} x {self.cols}")
+        if not (self.step_a > 0).all() or not self.v_bias_v > 0:
+            raise ValueError("step_a and v_bias_v must be above 0")
 
     @classmethod
     def of_plan(cls, plan: Plan) -> Calibration:
@@ -225,6 +238,18 @@ class Calibration:
     def law_of(self, row: int, col: int) -> Curve:
         """Return the law of a taxel."""
         return self.own.get((row, col), self.curve)
+
+    def uncorrected_n(self, codes: NDArray) -> Floats:
+        """Return the forces in newtons of codes [..., cols], each as if its taxel were alone and by the law."""
+        current_a = np.maximum(self.step_a * (self.rising(codes) - self.start_code), 0.0)
+        left_v = self.v_bias_v - self.divider * current_a * self.array().r_column_ohm
+        return self.curve.force_n(current_a / np.maximum(left_v, 1e-9))
+
+    def g_full_s(self) -> float:
+        """Return the largest conductance in siemens of a taxel that alone reads full scale."""
+        current_a = self.full_code * self.step_a
+        left_v = self.v_bias_v - current_a * self.array().r_column_ohm * self.divider
+        return float(np.minimum(current_a / np.maximum(left_v, 1e-9), self.g_max_s).max())
 
     def half_width_code(self) -> float:
         """Half the width in codes that quantisation and noise leave: beyond it lie `MISSED` of all readings.

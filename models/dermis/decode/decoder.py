@@ -144,6 +144,18 @@ def _spread(k, g, e_down, e_up, u, total, full, hidden, down, up, through, doubt
                 lost = r_driven * row_error + r_column[c] * e[r, c]
                 across = p - u[r, c] - (lost if side == 1 else 0.0)
                 d[r, c] = (through[c] + g[r, c] * lost) / across if across > 0.0 else np.inf
+        for c in range(cols):
+            # Errors of a column add up in its voltages, which move all of its taxels again.
+            again, below, lifted = 0.0, 0.0, 0.0
+            for r in range(rows):
+                again += d[r, c]
+                lifted += max(u[r, c], 0.0) / v_bias
+            again *= lifted / (1.0 - lifted) if lifted < 1.0 else np.inf
+            for r in range(rows - 1, -1, -1):
+                before = d[r, c]
+                if lifted > 0.0:
+                    d[r, c] += max(u[r, c], 0.0) / v_bias * (again + below)
+                below += before - e[r, c] / v_bias
 
 
 @_compiled
@@ -445,7 +457,7 @@ class Decoder:
         self.t_frame_s = float(t_frame_s)
         self._network = network = cal.array()
         self._off = [cal.array(mode) for mode in cal.modes]
-        self._lumped = crosstalk.lumped(network)
+        self._lumped = crosstalk.lumped(network) and not cal.divider
         v_bias_v, r_driven_ohm, *others = crosstalk.arguments(network)
         row_end, column_end = cal.cols * network.r_trace_row_ohm, cal.rows * network.r_trace_column_ohm
         self._known = _Known(
@@ -454,7 +466,7 @@ class Decoder:
             *(
                 cal.half_width_code(),
                 float(cal.g_max_s),
-                float((cal.full_code * cal.step_a).max() / v_bias_v),
+                cal.g_full_s(),
             ),
             *(v_bias_v, r_driven_ohm, *others, float(r_driven_ohm + row_end), others[1] + column_end),
             *(float(network.r_return_ohm), bool(row_end > 0 or column_end > 0)),
@@ -546,11 +558,13 @@ class Decoder:
             [frames, 2, rows, cols]: conductances in siemens, NaN where the solution did not converge; and currents
             in ampere.
         """
+        if codes.ndim != 3 or codes.shape[1:] != (self.calibration.rows, self.calibration.cols):
+            raise ValueError(f"codes must be [frames, {self.calibration.rows}, {self.calibration.cols}]")
         down, up = np.empty((2, *codes.shape[1:]))
         currents, most = np.empty((2, *codes.shape))
         for n, frame in enumerate(codes):
             currents_of(self._known, frame, currents[n], down, up, most[n])
-        found = crosstalk.solve(network, currents, most)
+        found = crosstalk.solve(network, currents, most, self.calibration.divider)
         g = np.where(found.converged[:, None, None], found.conductance_s, np.nan)
         return np.stack([g, found.current_a], axis=1)
 
