@@ -287,7 +287,7 @@ def _scene(
             data = schema.merged({"array": size}, data)
     for table in (schema.plain(tables or {}), {"run": run}, {"effects": schema.plain(effects or {})}):
         data = schema.merged(data, table)
-    if empty := _empty(data):
+    if empty := schema.empty(data):
         raise InputError(path, empty, "None", "a value; leave the key out for its default")
     table = schema.validate(scenes.SceneTable, data, path)
     if given is not None:
@@ -322,13 +322,3 @@ def _design(design: DesignLike | None) -> Design:
     if isinstance(design, Mapping):
         return designs.changed(schema.plain(design))
     return design if isinstance(design, Design) else designs.load(design)
-
-
-def _empty(table: Mapping[str, Any]) -> str:
-    """Return the dotted name of the first key that holds None; empty if there is none."""
-    for key, value in table.items():
-        if value is None:
-            return key
-        if isinstance(value, Mapping) and (below := _empty(value)):
-            return f"{key}.{below}"
-    return ""

@@ -23,13 +23,15 @@ from dermis.array.array import column_currents
 from dermis.converter.vfc import W_PRESET
 from dermis.decode import crosstalk
 from dermis.decode.calibration import OVERLOAD, Calibration, sheet_factor
+from dermis.decode.calibration import load as load_calibration
 from dermis.decode.decoder import Decoder, Forces, check_out, numbers, times
 from dermis.decode.sheets import Sheets, apply_sheet
 from dermis.engines import closed
 from dermis.errors import InputError
+from dermis.machine_code import argument
 from dermis.records import Plan, random_of, setting_of
 from dermis.scene import scene as scenes
-from dermis.scene.schema import merged, plain, read_toml
+from dermis.scene.schema import empty, merged, plain, read_toml
 from dermis.scene.sensor import InverseSensor, SensorState
 
 Floats = NDArray[np.float64]
@@ -233,7 +235,7 @@ class Skin:
     ----------
     scene : str, path, dict or Plan, optional
         A scene by name, path or tables; its stimulus does not matter. Effects of engine closed, or a `[front_end]`.
-    calibration : Calibration, optional
+    calibration : Calibration or path, optional
         What the decoder knows; by default every parameter of the scene. Of `envs` sheets with a random spread it is
         the spread, not the draw of each.
     threads : int
@@ -259,7 +261,7 @@ class Skin:
     def __init__(
         self,
         scene: str | Path | Mapping[str, Any] | Plan | None = None,
-        calibration: Calibration | None = None,
+        calibration: Calibration | str | Path | None = None,
         threads: int = 1,
         *,
         envs: int | None = None,
@@ -281,7 +283,7 @@ class Skin:
         for name, value, least, most in (("envs", envs, 1, 1 << 24), ("threads", threads, 1, 1024)):
             if value is not None and not (type(value) is int and least <= value <= most):
                 raise InputError("Skin", name, value, f"a whole number {least}..{most}")
-        if not (0 <= dead <= 1 and 0 <= stuck <= 1 and dead + stuck <= 1):
+        if not argument((dead, stuck), "dead, stuck", (2,), 0.0).sum() <= 1:
             raise InputError("Skin", "dead, stuck", (dead, stuck), "probabilities 0..1, together at most 1")
         engines.check(replace(self.plan, front_end=None))
         self.rows, self.cols = self.plan.rows, self.plan.cols
@@ -290,6 +292,8 @@ class Skin:
         self._true = true = Calibration.of_plan(self.plan)
         sheet = effect_registry.gather(self.plan.scene.effects, setting_of(self.plan.scene)).sensor
         self._state, self._share = SensorState(**sheet), (dead, stuck)
+        if isinstance(calibration, str | Path):
+            calibration = load_calibration(calibration)
         known = true if calibration is None else calibration
         if calibration is None and envs is not None and self._state.spread:
             middle = sheet_factor(replace(self._state, spread=0.0), (self.rows, self.cols), random_of(0))
@@ -550,5 +554,7 @@ def _planned(
     run = {} if seed is None else {"seed": seed}
     for table in (plain(tables), {"run": run}, {"effects": plain(effects or {})}):
         data = merged(data, table)
+    if none := empty(data):
+        raise InputError(path, none, "None", "a value; leave the key out for its default")
     data["stimulus"] = {"kind": "uniform", "force_n": [0.0]}
     return plan.make(scenes.from_data(data, path), "closed")

@@ -136,6 +136,8 @@ def test_wrong_arrays_are_refused(call: Any, error: str) -> None:
         ({"envs": 2.0}, "envs"),
         ({"dead": 0.7, "stuck": 0.6}, "dead, stuck"),
         ({"effects": {"no_such": True}}, "effects.no_such"),
+        ({"effects": {"row_driver": None}}, "effects.row_driver"),
+        ({"calibration": "no_such.toml"}, "no_such.toml"),
         ({"scene": 5}, "scene"),
         ({"colour": 1}, "colour"),
         ({"scene": Skin(SIZE).plan, "seed": 3}, "scene"),

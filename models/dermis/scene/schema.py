@@ -358,3 +358,13 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     return os.fspath(value) if isinstance(value, os.PathLike) else value
+
+
+def empty(table: Mapping[str, Any]) -> str:
+    """Return the dotted name of the first key that holds None; empty if there is none."""
+    for key, value in table.items():
+        if value is None:
+            return key
+        if isinstance(value, Mapping) and (below := empty(value)):
+            return f"{key}.{below}"
+    return ""
