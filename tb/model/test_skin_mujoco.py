@@ -58,6 +58,7 @@ def test_a_ball_and_a_box_on_a_touch_grid_are_weighed() -> None:
     # The ball lies at x and y below 0, where rows and columns begin; the box on the other side.
     r, c = np.nonzero(touch > 0.1)
     ball = (r < 6) & (c < 8)
+    # As the sum above.
     assert touch[r[ball], c[ball]].sum() == pytest.approx(BALL_N, rel=0.01)
     many = touch_grid(model, np.stack([data.sensordata, data.sensordata]), "pad", 12, 16)
     assert np.array_equal(many[1], touch)
@@ -93,6 +94,7 @@ def test_a_ball_on_a_tactile_sensor_is_read_where_it_reaches() -> None:
     assert np.unravel_index(force.argmax(), force.shape) == (1, 5)
     assert force.max() == pytest.approx(2e4 * data.sensordata[1:46].max())
     found = skin.decode(skin.read(force))
+    # Half a code of 15 N / 255.
     assert found.force_n == pytest.approx(force, abs=0.03)
     for rows, cols in ((9, 4), (5, 8)):
         with pytest.raises(ValueError, match="vertices"):
