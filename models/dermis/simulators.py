@@ -12,28 +12,11 @@ Floats = NDArray[np.float64]
 
 
 def touch_grid(model: Any, sensordata: ArrayLike, name: str, rows: int, cols: int) -> Floats:
-    """Return the normal forces of a sensor of the plugin `touch_grid`.
+    """Return the normal forces [..., rows, cols] in newtons of a sensor of the plugin `touch_grid`.
 
-    Parameters
-    ----------
-    model : mujoco.MjModel
-    sensordata : array_like
-        [..., nsensordata], as `data.sensordata`, or of many worlds.
-    name : str
-        Name of the sensor.
-    rows, cols : int
-        Its size; in the model's XML `size` is "cols rows". Rows go along y, columns along x.
-
-    Returns
-    -------
-    ndarray
-        [..., rows, cols] in newtons. A push is one whatever its sign: the direction of the grid's normal differs
-        between versions.
-
-    Raises
-    ------
-    ValueError
-        No such sensor, another kind or size, or data of another model.
+    `sensordata` is [..., nsensordata], as `data.sensordata` or of many worlds; the model's XML gives the size as
+    "cols rows". Rows go along y, columns along x. The sign of the grid's normal differs between versions: a push is
+    positive here. ValueError for another sensor, or data of another model.
     """
     sensor, values = _values(model, sensordata, name)
     plugin = int(model.sensor_plugin[sensor])
@@ -49,27 +32,10 @@ def touch_grid(model: Any, sensordata: ArrayLike, name: str, rows: int, cols: in
 def tactile(
     model: Any, sensordata: ArrayLike, name: str, rows: int, cols: int, stiffness_n_per_m: float
 ) -> Floats:
-    """Return the normal forces of a sensor `tactile`, which reports depths of penetration in metres.
+    """Return the normal forces [..., rows, cols] in newtons of a sensor `tactile`, which reports depths in metres.
 
-    Parameters
-    ----------
-    model, sensordata, name
-        As for `touch_grid`.
-    rows, cols : int
-        Size of the grid of taxels; the vertices of the sensor's mesh, in their order in its file or XML, are row 0
-        first.
-    stiffness_n_per_m : float
-        Of the skin over one taxel.
-
-    Returns
-    -------
-    ndarray
-        [..., rows, cols] in newtons.
-
-    Raises
-    ------
-    ValueError
-        As for `touch_grid`, or a stiffness that is not finite and above 0.
+    The vertices of the sensor's mesh are the taxels, row 0 first, in their order in its file or XML; the skin over one
+    has this stiffness. ValueError as for `touch_grid`, or for a stiffness that is not finite and above 0.
     """
     if not 0 < stiffness_n_per_m < np.inf:
         raise ValueError("stiffness_n_per_m must be finite and above 0")
