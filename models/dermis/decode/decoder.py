@@ -145,17 +145,18 @@ def _spread(k, g, e_down, e_up, u, total, full, hidden, down, up, through, doubt
                 across = p - u[r, c] - (lost if side == 1 else 0.0)
                 d[r, c] = (through[c] + g[r, c] * lost) / across if across > 0.0 else np.inf
         for c in range(cols):
-            # Errors of a column add up in its voltages, which move all of its taxels again.
+            # Errors of a column add up in its voltages, which move all of its taxels again; one without an end is a
+            # short, which `full` rows allow for.
             again, below, lifted = 0.0, 0.0, 0.0
             for r in range(rows):
-                again += d[r, c]
+                again += d[r, c] if d[r, c] < np.inf else 0.0
                 lifted += max(u[r, c], 0.0) / v_bias
             again *= lifted / (1.0 - lifted) if lifted < 1.0 else np.inf
             for r in range(rows - 1, -1, -1):
                 before = d[r, c]
                 if lifted > 0.0:
                     d[r, c] += max(u[r, c], 0.0) / v_bias * (again + below)
-                below += before - e[r, c] / v_bias
+                below += before - e[r, c] / v_bias if before < np.inf else 0.0
 
 
 @_compiled
