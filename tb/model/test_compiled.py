@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from dermis.decode.calibration import Calibration
 from dermis.decode.decoder import Forces
 from dermis.decode.memory import MemoryLaw, SheetMemory
 from dermis.errors import InputError
+from dermis.lockstep.ngspice import NgspiceHalf
 from dermis.scene import sensor
 from dermis.skin import Skin
 
@@ -43,10 +45,14 @@ GUARDS = {
     "decode.memory": {"apply_frame": "SheetMemory", "undo_frame": "SheetMemory"},
     "scene.sensor_loops": {"advance_creep": "creep_decades"},
     "skin": {"_read_frames": "Skin.read", "_taxel_frames": "Skin.read"},
-    # C: lockstep.c and clock_loop.c; tests of the lock-step hold those that take arrays.
-    "lockstep": {"lockstep_advance": "NgspiceHalf.check", "loop_replay": "NgspiceHalf.check"}
-    | {"loop_arm": "ClockLoop.arm", "loop_levels": "ClockLoop.levels", "loop_output": "Output"}
-    | {"lockstep_late": "Deck", "lockstep_open": "Deck", "lockstep_operating_point": "its own text"},
+    # C: lockstep.c and clock_loop.c.
+    "lockstep": {
+        **dict.fromkeys(("lockstep_advance", "loop_replay"), "NgspiceHalf.check"),
+        **dict.fromkeys(("lockstep_late", "lockstep_open"), "Deck"),
+        **dict.fromkeys(("loop_arm", "loop_levels", "loop_output"), "ClockLoop"),
+        **dict.fromkeys(("loop_clock", "loop_drive", "loop_net", "loop_release"), "numbers and text alone"),
+        "lockstep_operating_point": "its own text",
+    },
 }
 
 
@@ -104,10 +110,8 @@ def entries(package: Path) -> set[tuple[str, str]]:
 def test_every_compiled_entry_point_is_listed_with_its_guard(tmp_path: Path) -> None:
     listed = {(module, name) for module, names in GUARDS.items() for name in names if module != "lockstep"}
     assert entries(PACKAGE) == listed
-    # Of C, those that take an address.
-    text = "".join(path.read_text() for path in (PACKAGE / "lockstep").glob("*.py"))
-    pointers = [name for name in GUARDS["lockstep"] if name not in text]
-    assert not pointers
+    text = "".join(path.read_text(encoding="utf-8") for path in (PACKAGE / "lockstep").glob("*.py"))
+    assert set(re.findall(r"\b_?lib\.(lo\w+)\((?!\))", text)) == GUARDS["lockstep"].keys()
     (tmp_path / "new.py").write_text(
         "_fast = numba.njit(cache=True)\n@_fast\ndef loop(x): ...\ndef use(x): loop(x)\n"
     )
@@ -217,3 +221,14 @@ def test_no_number_stays_no_number() -> None:
     curve = law.of_sensor(sensor.InverseSensor(7500.0))
     assert np.isnan(curve.force_n(np.nan))
     assert Calibration.of_plan(SKIN.plan).curve.force_n([0.0, 1e-3]).tolist() == [0.0, 7.5]
+
+
+@pytest.mark.parametrize(
+    "edges", [[(0.0, 2, 1.0)], [(0.0, -1, 1.0)], [(np.nan, 0, 1.0)], [(0.0, 1, np.inf)], [(0.0, 0, 1.0)] * 5]
+)
+def test_edges_that_c_would_write_elsewhere_are_refused(edges: list[tuple[float, int, float]]) -> None:
+    half = object.__new__(NgspiceHalf)  # without ngspice
+    half._sources, half._source = ("a", "b"), np.zeros(4, np.int32)
+    half.check([(0.0, 1, 1.0)] * 4)
+    with pytest.raises(ValueError, match="edge"):
+        half.check(edges)

@@ -39,7 +39,7 @@ LEAST_CODE = 8
 """A recording whose largest code is below uses less than 5 of 8 bits: a wrong unit, scale or k."""
 COVERAGE_MIN = 0.99
 """Least share of forces in their 99.9 % interval; less is another chip or sheet."""
-WRONG_UNIT = "a wrong --unit or --scale? k of the scene sets the range"
+WRONG_UNIT = "a wrong --unit, --scale or [front_end]? k of the scene sets the range"
 SHADES = ".:-=+*#%@"
 THRESHOLD = 0.1
 """Onset: the total force passes this part of its largest value."""
@@ -447,7 +447,7 @@ def read_command(
             values = np.where(rec.present, rec.values, np.inf if unit == "ohm" else 0)
             force = np.where(rec.present, forces_of(values, unit, chip, area_mm2, scale), 0.0)
             codes, found, judged = read_frames(skin, rec, force)
-        if chip.front_end is None and (own is None or not own.divider):
+        if chip.front_end is None and (own is None or not (own.divider or own.falling)):
             judged += interest_rows(codes, rec.time_s, chip.timing.frame_s)
         said = {"file": str(file), "unit": unit, "scene": scene or "default chip", "calibration": known}
         told = understood(rec, unit, area_mm2)
