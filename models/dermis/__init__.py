@@ -3,7 +3,8 @@
 
 `simulate` runs a scene or an array of forces through the chip, `newtons` turns codes back into
 forces, `Skin` does both in compiled loops for a robot simulator, `RowsOfInterest` chooses the rows of
-a host's next frame, and `scene_names` lists the scenes that come with the package. Errors are
+a host's next frame, `scene_names` lists the scenes that come with the package, and `warm_up`
+compiles ahead. Errors are
 `InputError` and `SimulatorError`; both are a `DermisError`.
 """
 
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from dermis.machine_code import drop_stale
 
 if TYPE_CHECKING:
-    from dermis.api import Result, newtons, scene_names, simulate
+    from dermis.api import Result, newtons, scene_names, simulate, warm_up
     from dermis.chip.spi_protocol import RowsOfInterest
     from dermis.errors import DermisError, InputError, SimulatorError
     from dermis.skin import Skin
@@ -26,7 +27,7 @@ drop_stale(Path(__file__).parent)
 
 _NAMES = {
     **dict.fromkeys(("DermisError", "InputError", "SimulatorError"), "dermis.errors"),
-    **dict.fromkeys(("Result", "newtons", "scene_names", "simulate"), "dermis.api"),
+    **dict.fromkeys(("Result", "newtons", "scene_names", "simulate", "warm_up"), "dermis.api"),
     "RowsOfInterest": "dermis.chip.spi_protocol",
     "Skin": "dermis.skin",
 }
@@ -42,7 +43,12 @@ __all__ = [
     "newtons",
     "scene_names",
     "simulate",
+    "warm_up",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 def __getattr__(name: str) -> Any:

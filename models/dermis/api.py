@@ -223,6 +223,27 @@ def scene_names() -> list[str]:
     return sorted(path.stem for path in scenes.SCENES.glob("*.toml"))
 
 
+def warm_up() -> None:
+    """Compile the loops of `simulate`, `newtons` and `Skin` now, for later processes as well.
+
+    It takes a minute or two once an installation, and says so on standard error; afterwards half a second.
+    """
+    from dermis.skin import Skin  # compiled: numba takes 0.4 s to load
+
+    worn = dict.fromkeys(("row_driver", "sensor_hysteresis", "sensor_creep"), True)
+    size, force_n = {"rows": 2, "cols": 2}, np.ones((2, 2, 2))
+    for effects in (worn, worn | {"column_input": True, "trace": True}):
+        skin = Skin(array=size, effects=effects)
+        skin.decode(skin.read(force_n))
+    for effects in (
+        {"row_driver": True, "column_input": True},
+        {"thermal_noise": True, "integrator_gain": True},
+    ):
+        engine = "event" if "thermal_noise" in effects else "closed"
+        made = simulate(force_n=force_n, effects=effects, engine=engine)
+        newtons(made.codes, made, corrected=True)
+
+
 def _given(**arrays: ArrayLike | None) -> tuple[str, NDArray[Any]] | None:
     """Return the one array of a stimulus that was given, with its name."""
     given = {name: values for name, values in arrays.items() if values is not None}
@@ -253,7 +274,7 @@ def _scene(
         path = scenes.find(os.fspath(scene))
         data = schema.read_toml(path)
     elif scene is None or isinstance(scene, Mapping):
-        data = _plain(scene or {})
+        data = schema.plain(scene or {})
     else:
         allowed = "a path, a name or a dict; for arrays, force_n=... or resistance_ohm=..."
         raise InputError(_HERE, "scene", f"a {type(scene).__name__}", allowed)
@@ -263,10 +284,10 @@ def _scene(
         data["stimulus"] = _in_place(data.get("stimulus", {}), name, (tables or {}).get("stimulus", {}), path)
         if values.ndim in (2, 3):
             size = {"rows": values.shape[-2], "cols": values.shape[-1]}
-            data = _merged({"array": size}, data)
-    for table in (_plain(tables or {}), {"run": run}, {"effects": _plain(effects or {})}):
-        data = _merged(data, table)
-    if empty := _empty(data):
+            data = schema.merged({"array": size}, data)
+    for table in (schema.plain(tables or {}), {"run": run}, {"effects": schema.plain(effects or {})}):
+        data = schema.merged(data, table)
+    if empty := schema.empty(data):
         raise InputError(path, empty, "None", "a value; leave the key out for its default")
     table = schema.validate(scenes.SceneTable, data, path)
     if given is not None:
@@ -299,43 +320,5 @@ def _in_place(own: Any, name: str, asked: Any, path: Path) -> Any:
 
 def _design(design: DesignLike | None) -> Design:
     if isinstance(design, Mapping):
-        return designs.changed(_plain(design))
+        return designs.changed(schema.plain(design))
     return design if isinstance(design, Design) else designs.load(design)
-
-
-def _empty(table: Mapping[str, Any]) -> str:
-    """Return the dotted name of the first key that holds None; empty if there is none."""
-    for key, value in table.items():
-        if value is None:
-            return key
-        if isinstance(value, Mapping) and (below := _empty(value)):
-            return f"{key}.{below}"
-    return ""
-
-
-def _merged(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return tables with the keys of `changes`; a stimulus of another kind, and an effect, are
-    replaced whole.
-    """
-    made = dict(data)
-    for name, value in changes.items():
-        before = made.get(name)
-        both = isinstance(before, dict) and isinstance(value, dict)
-        other_kind = (
-            name == "stimulus" and both and value.get("kind", before.get("kind")) != before.get("kind")
-        )
-        made[name] = before | value if both and not other_kind else value
-    return {name: value for name, value in made.items() if value != {} or name in data}
-
-
-def _plain(value: Any) -> Any:
-    """Convert to TOML types: numpy numbers, arrays, tuples and paths become numbers, lists and
-    text.
-    """
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return os.fspath(value) if isinstance(value, os.PathLike) else value

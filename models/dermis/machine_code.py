@@ -7,6 +7,7 @@ import contextlib
 import functools
 import re
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,28 @@ _IMPORT = re.compile(r"^from ([\w.]+) import (\([^)]*\)|[\w, ]+)", re.MULTILINE)
 QUIET_S = 2.0
 """Compilation that takes less says nothing, unless standard error is a terminal."""
 AGAIN_S = 10.0
+
+
+def argument(values: Any, name: str, shape: tuple[int | None, ...], least: float | None = None) -> Any:
+    """Return values as an array that a compiled loop may read: contiguous, finite doubles of a shape; None is any size.
+
+    Raises
+    ------
+    ValueError
+        Another shape, no real numbers, not finite, or below `least`.
+    """
+    import numpy as np
+
+    array = np.asarray(values)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} must be real numbers, not {array.dtype}")
+    if len(shape) != array.ndim or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+        wanted = ", ".join("any" if n is None else str(n) for n in shape)
+        raise ValueError(f"{name} must be [{wanted}], not {list(array.shape)}")
+    array = np.ascontiguousarray(array, dtype=float)
+    if not np.isfinite(array).all() or (least is not None and array.size and array.min() < least):
+        raise ValueError(f"{name} must be finite" + ("" if least is None else f" and {least:g} or above"))
+    return array
 
 
 def announce() -> None:
@@ -35,17 +58,29 @@ def _listen() -> None:
     from numba.core import event
 
     class Progress(event.Listener):
-        loops, begin, next_s = 0, 0.0, 0.0 if sys.stderr.isatty() else QUIET_S
+        loops, open, begin, next_s = 0, 0, 0.0, 0.0 if sys.stderr.isatty() else QUIET_S
+        lock = threading.Lock()
 
         def on_start(self, _: Any) -> None:
-            self.begin = self.begin or time.monotonic()
+            self.open += 1
+            if not self.begin:
+                self.begin = time.monotonic()
+                # A single loop may take longer than that on a busy machine.
+                timer = threading.Timer(QUIET_S, lambda: self.open and self.say())
+                timer.daemon = True
+                timer.start()
             self.say()
 
         def on_end(self, _: Any) -> None:
+            self.open -= 1
             self.loops += 1
             self.say()
 
         def say(self) -> None:
+            with self.lock:
+                self.tell()
+
+        def tell(self) -> None:
             if (spent := time.monotonic() - self.begin) < self.next_s:
                 return
             words = f"{self.loops} loops in {spent:.0f} s"

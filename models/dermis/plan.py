@@ -16,6 +16,7 @@ from dermis.errors import InputError
 from dermis.records import ENGINES, Drive, Floats, Plan, Timing, setting_of
 from dermis.scene import scene
 from dermis.scene.design import Design
+from dermis.scene.front_end import FrontEnd
 from dermis.scene.scene import Scene
 from dermis.scene.sensor import SensorState, age, make_sensor
 from dermis.scene.stimulus import Surroundings, make_frames
@@ -94,6 +95,7 @@ def whole(world: Scene, engine: str, auto: effects.AutoTable | None = None) -> P
 
     about = Surroundings(world.path, rows, cols, sensor, ohm_of_code, timing.frame_s)
     made = make_frames(table.stimulus, about)
+    board = None if table.front_end is None else FrontEnd.of_table(table.front_end, cols)
     aging = SensorState(**contribution.sensor), design.sensor.creep_start_s, setting_of(world).rng
     resistance_ohm = age(sensor, made.resistance_ohm, made.t_frame_s, *aging)
     for array in (resistance_ohm, made.force_n):
@@ -111,7 +113,8 @@ def whole(world: Scene, engine: str, auto: effects.AutoTable | None = None) -> P
         engine=engine,
         seed=table.run.seed,
         views=Views.of(table.run.views),
-        surrounding=dict(contribution.network),
+        surrounding=dict(contribution.network) | ({} if board is None else board.network),
         filtered=auto is not None and engine in ("event", "cosim"),
         auto=auto,
+        front_end=board,
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from dermis import effects, fields
 from dermis.array.network import Network
 from dermis.converter.vfc import Converter
+from dermis.scene.front_end import FrontEnd
 from dermis.scene.scene import Scene
 from dermis.scene.sensor import Sensor
 from dermis.scene.views import Views
@@ -125,6 +126,8 @@ class Plan:
         Number of frame 0 in the whole run: a part of a plan keeps its place in time and its random numbers.
     next_resistance_ohm : ndarray or None
         [rows, cols] of the frame after the last one, for motion; None if the last one holds.
+    front_end : FrontEnd or None
+        The board that reads the sheet instead of the chip; no engine can do it.
     """
 
     scene: Scene
@@ -143,6 +146,7 @@ class Plan:
     next_resistance_ohm: Floats | None = None
     filtered: bool = False
     auto: effects.AutoTable | None = None
+    front_end: FrontEnd | None = None
 
     @property
     def frames(self) -> int:
@@ -243,7 +247,9 @@ class Plan:
 
     @functools.cached_property
     def _active(self) -> frozenset[str]:
-        return self.network(0).active_fields() | self.converter.active_fields() | self.drive.active_fields()
+        board = frozenset({"front_end"} if self.front_end is not None else ())
+        records = self.network(0), self.converter, self.drive
+        return board.union(*(record.active_fields() for record in records))
 
     def effects_of_field(self, field: str) -> tuple[str, ...]:
         """Names of the effects that set a record field (for an engine that must refuse it)."""
@@ -284,11 +290,15 @@ class Plan:
         return "not named" if considered else "not named, and auto adds none that changes the scene"
 
 
-def setting_of(world: Scene) -> effects.Setting:
-    table = world.table
+def random_of(seed: int) -> Callable[[str], np.random.Generator]:
+    """Return the function that gives an effect's own generator by its name."""
 
     def rng(name: str) -> np.random.Generator:
         word = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big")
-        return np.random.default_rng([table.run.seed, word])
+        return np.random.default_rng([seed, word])
 
-    return effects.Setting.of(table, world.design, rng)
+    return rng
+
+
+def setting_of(world: Scene) -> effects.Setting:
+    return effects.Setting.of(world.table, world.design, random_of(world.table.run.seed))

@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import copy
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,19 +17,27 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from dermis import engines, plan
+from dermis import effects as effect_registry
+from dermis import engines, machine_code, plan
 from dermis.array.array import column_currents
 from dermis.converter.vfc import W_PRESET
 from dermis.decode import crosstalk
-from dermis.decode.calibration import Calibration
+from dermis.decode.calibration import OVERLOAD, Calibration, sheet_factor
+from dermis.decode.calibration import load as load_calibration
 from dermis.decode.decoder import Decoder, Forces, check_out, numbers, times
-from dermis.decode.memory import SheetMemory, advance_creep, apply_frame
+from dermis.decode.sheets import Sheets, apply_sheet
 from dermis.engines import closed
-from dermis.records import Plan
+from dermis.errors import InputError
+from dermis.machine_code import argument
+from dermis.records import Plan, random_of, setting_of
 from dermis.scene import scene as scenes
-from dermis.scene.sensor import InverseSensor
+from dermis.scene.schema import empty, merged, plain, read_toml
+from dermis.scene.sensor import InverseSensor, SensorState
 
 Floats = NDArray[np.float64]
+
+LEAST_INPUT_OHM = 1e-3
+"""Input resistance of a column from which on the compiled solve takes it: a smaller one leaves it no digits."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -96,65 +107,150 @@ def _currents(g, out, network, total, volt):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _read_frames(forces, dt_s, law, factor, network, chip, memory, memory_law, work, codes):
-    """Read frames into `codes` until one has a short; return how many were read.
+def _currents_through_inputs(g, out, network, total, a, w):
+    """Fill `out` as `_currents` does, where every column has an input resistance above 0.
+
+    The nodes are the columns; row lines are eliminated. The matrix without a driven row is factored once (Cholesky,
+    into `a` [cols, cols]); the driven row is a change of rank one (Sherman and Morrison). `total` [rows] and
+    `w` [2, cols] are scratch.
+    """
+    v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral = network
+    rows, cols = g.shape
+    a[:], rest = 0.0, w[1]
+    for r in range(rows):
+        total[r] = g[r].sum()
+        part = 1.0 / (total[r] + g_ground) if total[r] + g_ground > 0.0 else 0.0
+        for c in range(cols):
+            a[c, c] += g[r, c]
+            for d in range(c + 1):
+                a[c, d] -= g[r, c] * g[r, d] * part
+    for c in range(cols):
+        a[c, c] += 1.0 / r_column[c] + g_lateral * ((c > 0) + (c + 1 < cols))
+        if c > 0:
+            a[c, c - 1] -= g_lateral
+        rest[c] = v_offset[c] / r_column[c] + i_leak[c]
+    for c in range(cols):
+        for d in range(c + 1):
+            value = a[c, d]
+            for k in range(d):
+                value -= a[c, k] * a[d, k]
+            a[c, d] = value / a[d, d] if d < c else np.sqrt(value)
+    _solve_factored(a, rest)
+    for r in range(rows):
+        part = 1.0 / (total[r] + g_ground) if total[r] + g_ground > 0.0 else 0.0
+        change = r_driven / (1.0 + r_driven * total[r]) - part
+        w[0, :] = g[r]
+        _solve_factored(a, w[0])
+        inner, known = 0.0, 0.0
+        for c in range(cols):
+            inner += g[r, c] * w[0, c]
+            known += g[r, c] * rest[c]
+        drive = v_bias / (1.0 + r_driven * total[r])
+        scale = drive + change * (known + inner * drive) / (1.0 - change * inner)
+        for c in range(cols):
+            out[r, c] = (rest[c] + scale * w[0, c] - v_offset[c]) / r_column[c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve_factored(a, x):
+    """Solve with the Cholesky factor `a` in place."""
+    for c in range(x.size):
+        for d in range(c):
+            x[c] -= a[c, d] * x[d]
+        x[c] /= a[c, c]
+    for c in range(x.size - 1, -1, -1):
+        x[c] /= a[c, c]
+        for d in range(c):
+            x[d] -= a[c, d] * x[c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _taxels(force, g, e, dt_s, law, sheet):
+    """Fill in the conductances `g` [rows, cols] of sheet `e` under forces [rows, cols]; return True with a short."""
+    k, points, conductances, exponents, force_on, g_open = law
+    factor, stuck, remembers, state, memory_law = sheet
+    rows, cols = g.shape
+    for r in range(rows):
+        for c in range(cols):
+            g[r, c] = _conductance(force[r, c], k, points, conductances, exponents, force_on, g_open)
+    if remembers:
+        apply_sheet(g.reshape(-1), state, memory_law, e, dt_s)
+    own, short = e if factor.shape[0] > 1 else 0, False
+    for r in range(rows):
+        for c in range(cols):
+            g[r, c] *= factor[own, r, c]
+            if stuck.size and stuck[own, r, c] > 0.0:
+                g[r, c] = stuck[own, r, c]
+            short = short or g[r, c] > crosstalk.SHORT_S
+    return short
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _taxel_frames(forces, envs, begin, stop, dt_s, law, sheet, out):
+    """Fill in the conductances `out` of frames begin .. stop - 1, frame n of sheet n modulo `envs`."""
+    for n in range(begin, stop):
+        _taxels(forces[n], out[n - begin], n % envs, dt_s[n], law, sheet)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _read_frames(forces, envs, begin, stop, dt_s, law, sheet, network, chip, work, codes):
+    """Read frames begin .. stop - 1, frame n of sheet n modulo `envs`, until one has a short; return its number.
 
     The conductances of that frame are left in the first array of `work`.
     """
-    k, points, conductances, exponents, force_on, g_open = law
-    code_max, step, start, inv_range = chip
-    z, creep, loaded, fresh, rate, rate_weight, g_loaded = memory
-    radius, weight, per_decade = memory_law
-    g, current, total, volt = work
-    frames, rows, cols = forces.shape
-    remembers = radius.size > 0 or per_decade != 0.0
-    for n in range(frames):
-        for r in range(rows):
-            for c in range(cols):
-                g[r, c] = _conductance(forces[n, r, c], k, points, conductances, exponents, force_on, g_open)
-        if remembers:
-            if per_decade != 0.0 and not fresh:
-                advance_creep(creep, loaded, rate, rate_weight, dt_s[n])
-            flat, seen = g.reshape(-1), current.reshape(-1)
-            apply_frame(flat, seen, z, creep, loaded, fresh, radius, weight, per_decade)
-            for t in range(flat.size):
-                loaded[t] = flat[t] > g_loaded
-                flat[t] = seen[t]
-            fresh = False
-        short = False
-        for r in range(rows):
-            for c in range(cols):
-                g[r, c] *= factor[r, c]
-                short = short or g[r, c] > crosstalk.SHORT_S
-        if short:
+    code_max, falling, step, start, inv_range = chip
+    g, current, total, volt, a, w = work
+    rows, cols = g.shape
+    for n in range(begin, stop):
+        if _taxels(forces[n], g, n % envs, dt_s[n], law, sheet):
             return n
-        _currents(g, current, network, total, volt)
+        if a.size:
+            _currents_through_inputs(g, current, network, total, a, w)
+        else:
+            _currents(g, current, network, total, volt)
         for r in range(rows):
             for c in range(cols):
                 seen_a = current[r, c] / (1.0 + abs(current[r, c]) * inv_range[c])
                 code = np.floor(seen_a / step[c] + start[c] + 0.5)
-                codes[n, r, c] = min(max(code, 0.0), code_max)
-    return frames
+                code = min(max(code, 0.0), code_max)
+                codes[n, r, c] = code_max - code if falling else code
+    return stop
 
 
 class Skin:
-    """A sheet and its chip as a robot simulator meets them.
+    """A sheet and its chip, or many of them, as a robot simulator meets them.
 
     >>> skin = Skin("single_touch")
     >>> codes = skin.read(np.full((16, 16), 2.0))
     >>> forces = skin.decode(codes)
+    >>> many = Skin({"array": {"rows": 8, "cols": 8}}, envs=4096, effects={"sensor_spread": True}, stuck=0.01)
+    >>> codes = many.read(np.full((4096, 8, 8), 2.0, np.float32))
+    >>> many.reset([3, 17])
 
     Without hysteresis and creep both directions have no state and may be called from several
-    threads. With them a skin is one sheet: frames in order of time, and `reset` for a new one.
+    threads. With them a skin is one sheet, or `envs` sheets: frames in order of time, and `reset` for
+    new ones. A skin can be pickled; a copy has a state of its own.
 
     Parameters
     ----------
-    scene : str, path or Plan
-        A scene by name or path; its stimulus does not matter. Only effects of engine closed.
-    calibration : Calibration, optional
-        What the decoder knows; by default every parameter of the scene.
+    scene : str, path, dict or Plan, optional
+        A scene by name, path or tables; its stimulus does not matter. Effects of engine closed, or a `[front_end]`.
+    calibration : Calibration or path, optional
+        What the decoder knows; by default every parameter of the scene. Of `envs` sheets with a random spread it is
+        the spread, not the draw of each.
     threads : int
-        Threads for batches of a skin without state.
+        Threads for batches of a skin without state, and for the sheets of one frame.
+    envs : int, optional
+        Number of sheets; forces and codes are then [envs, rows, cols] or [frames, envs, rows, cols].
+    effects : mapping, optional
+        Effects that are added to the scene's, by name.
+    seed : int, optional
+        Instead of the scene's. Sheet e has after its n-th reset the random draws of seed + e + n envs.
+    dead, stuck : float
+        Probability 0..1 of a taxel that does not conduct, and of one whose conductance is constant, up to full scale.
+        Drawn for every sheet, with `envs` at every reset.
+    **tables
+        Further tables of a scene, as `array={"rows": 8, "cols": 8}`.
 
     Raises
     ------
@@ -163,40 +259,151 @@ class Skin:
     """
 
     def __init__(
-        self, scene: str | Path | Plan, calibration: Calibration | None = None, threads: int = 1
+        self,
+        scene: str | Path | Mapping[str, Any] | Plan | None = None,
+        calibration: Calibration | str | Path | None = None,
+        threads: int = 1,
+        *,
+        envs: int | None = None,
+        effects: Mapping[str, Any] | None = None,
+        seed: int | None = None,
+        dead: float = 0.0,
+        stuck: float = 0.0,
+        **tables: Any,
     ) -> None:
-        self.plan = scene if isinstance(scene, Plan) else plan.load(scenes.find(str(scene)), "closed")
-        engines.check(self.plan)
+        machine_code.announce()
+        if isinstance(scene, Plan):
+            if effects or tables or seed is not None:
+                raise InputError(
+                    "Skin", "scene", "a plan", "a scene, where effects, seed or tables are given"
+                )
+            self.plan = scene
+        else:
+            self.plan = _planned(scene, effects, seed, tables)
+        for name, value, least, most in (("envs", envs, 1, 1 << 24), ("threads", threads, 1, 1024)):
+            if value is not None and not (type(value) is int and least <= value <= most):
+                raise InputError("Skin", name, value, f"a whole number {least}..{most}")
+        if not argument((dead, stuck), "dead, stuck", (2,), 0.0).sum() <= 1:
+            raise InputError("Skin", "dead, stuck", (dead, stuck), "probabilities 0..1, together at most 1")
+        engines.check(replace(self.plan, front_end=None))
         self.rows, self.cols = self.plan.rows, self.plan.cols
         self.t_frame_s = self.plan.timing.frame_s
-        self.threads = threads
+        self.threads, self.envs = threads, envs
         self._true = true = Calibration.of_plan(self.plan)
+        sheet = effect_registry.gather(self.plan.scene.effects, setting_of(self.plan.scene)).sensor
+        self._state, self._share = SensorState(**sheet), (dead, stuck)
+        if isinstance(calibration, str | Path):
+            calibration = load_calibration(calibration)
         known = true if calibration is None else calibration
+        if calibration is None and envs is not None and self._state.spread:
+            middle = sheet_factor(replace(self._state, spread=0.0), (self.rows, self.cols), random_of(0))
+            known = replace(true, factor=middle, factor_part=self._state.spread)
         known.check(self.rows, self.cols, "calibration")
+        kinds = [(c.code_max, c.falling, c.divider) for c in (true, known)]
+        self._other_read_out = kinds[0] != kinds[1]
         self.decoder = Decoder(known, self.t_frame_s)
         self._local, self._lock = threading.local(), threading.Lock()
         self._network, converter = self.plan.network(0), self.plan.converter
-        start = -W_PRESET + (converter.v_comp_offset_v - converter.preset_error_v) / converter.packet_v()
-        in_order = (start > 0).all() and (true.full_code == true.code_max).all()
         # Elsewhere the engine's own array solve and count formula do it.
-        ideal = crosstalk.lumped(self._network) and not self._network.r_column_ohm.any()
-        self._compiled = bool(in_order and ideal and np.all(converter.gain > 0))
+        inputs = self._network.r_column_ohm
+        self._compiled = crosstalk.lumped(self._network) and bool(
+            not inputs.any() or inputs.min() >= LEAST_INPUT_OHM
+        )
+        if self.plan.front_end is None:
+            start = -W_PRESET + (converter.v_comp_offset_v - converter.preset_error_v) / converter.packet_v()
+            in_order = (start > 0).all() and (true.full_code == true.code_max).all()
+            self._compiled = bool(self._compiled and in_order and np.all(converter.gain > 0))
         sensor = self.plan.sensor
         none = np.zeros(1)
         if isinstance(sensor, InverseSensor):
             self._law = (sensor.k_force_n_ohm, none, none, none, 0.0, 0.0)
-            self._loaded_s = 0.0
         else:
             points, ohm = np.array(sensor.force_points_n), np.array(sensor.r_points_ohm)
             open_s = 1.0 / sensor.r_open_ohm
             self._law = (0.0, points, 1.0 / ohm, sensor.exponents(), sensor.force_on_n, open_s)
-            self._loaded_s = open_s
+        sheets = envs or 1
+        drawn = sheets if envs and (self._state.spread or dead or stuck) else 1
+        self._factor = np.broadcast_to(true.factor, (drawn, self.rows, self.cols)).copy()
+        self._stuck = np.zeros((drawn if stuck else 0, self.rows, self.cols))
+        self._resets = np.full(sheets, -1, dtype=np.int64)
+        self._sheets = Sheets(true.memory, sheets, self.rows * self.cols, self._law[-1])
+        self._undone: list[Any] = []
         self.reset()
 
-    def reset(self) -> None:
-        """Start with a fresh sheet, in both directions."""
-        self.memory = SheetMemory(self._true.memory, self.rows * self.cols, self._loaded_s)
-        self.decoder.reset()
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name not in ("_local", "_lock")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._local, self._lock = threading.local(), threading.Lock()
+
+    def __copy__(self) -> Skin:
+        return copy.deepcopy(self)
+
+    def _random(self, e: int) -> Callable[[str], np.random.Generator]:
+        later = e + int(self._resets[e]) * self.envs if self.envs else 0
+        return random_of((self.plan.seed + later) % (1 << 32))
+
+    def reset(self, which: ArrayLike | None = None) -> None:
+        """Start with a fresh sheet, in both directions.
+
+        Parameters
+        ----------
+        which : array_like, optional
+            Of a skin with `envs` the numbers of some sheets, or a mask [envs]; by default all. Only these are drawn
+            anew.
+
+        Raises
+        ------
+        ValueError
+            No numbers of sheets and no mask.
+        """
+        sheets = len(self._resets)
+        chosen = np.arange(sheets) if which is None else np.asarray(which)
+        if chosen.dtype == np.bool_ and chosen.shape == (sheets,):
+            chosen = np.flatnonzero(chosen)
+        elif chosen.size == 0:
+            chosen = np.empty(0, dtype=np.int64)
+        if chosen.dtype.kind not in "iu" or (
+            chosen.size and not (0 <= chosen.min() and chosen.max() < sheets)
+        ):
+            raise ValueError(f"which must be numbers of sheets 0..{sheets - 1}, or a mask of {sheets}")
+        chosen = np.unique(chosen)
+        with self._lock:
+            self._sheets.reset(chosen)
+            self._resets[chosen] += 1
+            dead, stuck = self._share
+            if len(self._factor) == sheets and (dead or stuck or (self.envs and self._state.spread)):
+                for e in chosen:
+                    self._draw(int(e), dead, stuck)
+        if which is None or self.envs is None:
+            self.decoder.reset()
+            self._undone = []
+        elif self._undone:
+            for e in chosen:
+                self._undone[e] = self.decoder.fresh()
+
+    def _draw(self, e: int, dead: float, stuck: float) -> None:
+        rng, shape = self._random(e), (self.rows, self.cols)
+        self._factor[e] = sheet_factor(self._state, shape, rng)
+        if dead or stuck:
+            drawn, level = rng("skin_defects").random((2, *shape))
+            self._factor[e][drawn < dead] = 0.0
+            if stuck:
+                full_s = self._true.g_max_s / OVERLOAD
+                self._stuck[e] = np.where((drawn >= dead) & (drawn < dead + stuck), level * full_s, 0.0)
+
+    def _shaped(self, array: NDArray, name: str) -> int:
+        """Return the number of sheets' frames of an array; ValueError if it has another shape."""
+        inner = (self.rows, self.cols) if self.envs is None else (self.envs, self.rows, self.cols)
+        if array.ndim not in (len(inner), len(inner) + 1) or array.shape[-len(inner) :] != inner:
+            allowed = ", ".join(map(str, inner))
+            raise ValueError(f"{name} must be [{allowed}] or [frames, {allowed}], not {list(array.shape)}")
+        return int(np.prod(array.shape[:-2], dtype=np.int64))
+
+    def _times(self, t_frame_s: float | ArrayLike | None, frames: int) -> Floats:
+        given = self.t_frame_s if t_frame_s is None else t_frame_s
+        return times(given, frames) if self.envs is None else times(given, frames // self.envs, self.envs)
 
     def read(
         self, forces_n: ArrayLike, t_frame_s: float | ArrayLike | None = None, out: NDArray | None = None
@@ -206,9 +413,11 @@ class Skin:
         Parameters
         ----------
         forces_n : array_like
-            [frames, rows, cols] or [rows, cols] in newtons.
+            [frames, rows, cols] or [rows, cols] in newtons, of any float or integer type; of many sheets
+            [frames, envs, rows, cols] or [envs, rows, cols].
         t_frame_s : float or array_like, optional
-            Time in seconds since the frame before, for all frames or each; by default the frame time of the chip.
+            Time in seconds since the frame before, for all frames or each; by default the frame time of the chip. Of
+            many sheets also [envs], or [frames, envs].
         out : ndarray, optional
             Codes of the shape of the forces to fill. With ideal columns nothing is allocated then.
 
@@ -221,45 +430,64 @@ class Skin:
         ------
         ValueError
             A wrong shape, forces or times that are not finite or below 0, or an `out` of another shape or type.
+        InputError
+            The calibration is of another read-out than the scene.
         """
         forces = numbers(forces_n, "forces_n")
-        if forces.ndim not in (2, 3) or forces.shape[-2:] != (self.rows, self.cols):
-            raise ValueError(f"forces_n must be [frames, {self.rows}, {self.cols}]")
+        count = self._shaped(forces, "forces_n")
         # A sum is NaN if anything is, and needs no second array.
         if forces.size and not (forces.min() >= 0 and forces.sum() < np.inf):
             raise ValueError("forces_n must be finite and 0 or above")
+        if self._other_read_out:
+            allowed = "that of the scene's own read-out: this one decodes codes of another"
+            raise InputError(
+                "Skin", "calibration", f"of codes to {self.decoder.calibration.code_max}", allowed
+            )
         kind = engines.code_type(self._true.code_max)
         if out is None:
             out = np.empty(forces.shape, kind)
         check_out(out, forces.shape, kind, "out")
         frames, codes = forces.reshape(-1, self.rows, self.cols), out.reshape(-1, self.rows, self.cols)
-        dt = times(self.t_frame_s if t_frame_s is None else t_frame_s, len(frames))
+        dt = self._times(t_frame_s, count)
+        remembers, sheets = self._true.memory.active, len(self._resets)
         run = self._read_compiled if self._compiled else self._read_solved
-        if self._true.memory.active:
-            with self._lock:
-                run(frames, dt, codes)
-        else:
-            self._in_threads(len(frames), lambda part: run(frames[part], dt[part], codes[part]))
+        with self._lock if remembers else contextlib.nullcontext():
+            if remembers and count != sheets:
+                run(frames, dt, codes, slice(0, count))
+            else:
+                self._in_threads(count, lambda part: run(frames, dt, codes, part))
         return out
 
     def decode(
         self, codes: ArrayLike, t_frame_s: float | ArrayLike | None = None, out: Forces | None = None
     ) -> Forces:
-        """Decode codes [frames, rows, cols] or [rows, cols] into newtons with intervals; see
-        `Decoder.decode`.
+        """Decode codes, of the shapes of `read`, into newtons with intervals; see `Decoder.decode`.
+
+        Of many sheets with hysteresis or creep each has half a megabyte of state, and its own call.
         """
-        codes = np.asarray(codes)
-        if codes.ndim == 2 or self.decoder.calibration.memory.active or self.threads == 1:
+        codes, remembers = np.asarray(codes), self.decoder.calibration.memory.active
+        if self.envs is None and (codes.ndim == 2 or remembers or self.threads == 1):
             return self.decoder.decode(codes, t_frame_s, out)
+        count = self._shaped(codes, "codes")
+        dt = self._times(t_frame_s, count)
         if out is None:
             out = Forces(*(np.empty(codes.shape) for _ in range(3)), np.empty(codes.shape, np.uint8))
-        made = out
+        made = [check_out(getattr(out, name), codes.shape, kind, f"out.{name}") for name, kind in _PLACES]
+        flat = [array.reshape(-1, self.rows, self.cols) for array in (codes, *made)]
 
         def decode_part(part: slice) -> None:
-            places = Forces(made.force_n[part], made.low_n[part], made.high_n[part], made.flags[part])
-            self.decoder.decode(codes[part], None, places)
+            first, *places = (array[part] for array in flat)
+            self.decoder.decode(first, dt[part], Forces(*places))
 
-        self._in_threads(len(codes), decode_part)
+        if not remembers:
+            self._in_threads(count, decode_part)
+            return out
+        with self._lock:
+            self._undone = self._undone or [self.decoder.fresh() for _ in self._resets]
+            for e in range(len(self._resets)):
+                self.decoder.memory = self._undone[e]
+                for n in range(e, count, len(self._resets)):
+                    decode_part(slice(n, n + 1))
         return out
 
     def _in_threads(self, frames: int, work: Callable[[slice], Any]) -> None:
@@ -270,44 +498,63 @@ class Skin:
         with ThreadPoolExecutor(self.threads) as pool:
             list(pool.map(work, (slice(a, b) for a, b in pairwise(ends))))
 
-    def _read_compiled(self, forces: Floats, dt_s: Floats, codes: NDArray) -> None:
-        true, memory = self._true, self.memory
+    def _sheet(self) -> tuple:
+        sheets = self._sheets
+        return self._factor, self._stuck, self._true.memory.active, sheets.arrays(), sheets.law
+
+    def _read_compiled(self, forces: Floats, dt_s: Floats, codes: NDArray, part: slice) -> None:
+        true, first = self._true, part.start
         work = getattr(self._local, "work", None)
         if work is None:
-            shape = (self.rows, self.cols)
-            work = self._local.work = tuple(np.empty(size) for size in (shape, shape, self.rows, self.rows))
-        first = 0
-        while first < len(forces):
-            z, _, _, _, creep, loaded, _, fresh, rate, weight = memory.arrays()
-            read = _read_frames(
-                forces[first:],
-                dt_s[first:],
-                self._law,
-                true.factor,
-                crosstalk.arguments(self._network),
-                (float(true.code_max), true.step_a, true.start_code, true.inv_i_range_a),
-                (z, creep, loaded, fresh, rate, weight, self._loaded_s),
-                (true.memory.radius, true.memory.weight, float(true.memory.creep_per_decade)),
-                work,
-                codes[first:],
-            )
-            stopped = first + read
-            if stopped < len(forces):
+            shape, size = (self.rows, self.cols), self.cols if self._network.r_column_ohm.any() else 0
+            sizes = shape, shape, self.rows, self.rows, (size, size), (2, size)
+            work = self._local.work = tuple(np.empty(size) for size in sizes)
+        chip = float(true.code_max), true.falling, true.step_a, true.start_code, true.inv_i_range_a
+        network, sheet = crosstalk.arguments(self._network), self._sheet()
+        while first < part.stop:
+            place = len(self._resets), first, part.stop
+            first = _read_frames(forces, *place, dt_s, self._law, sheet, network, chip, work, codes)
+            if first < part.stop:
                 # The direct solve of the engine takes over.
-                codes[stopped] = self._codes(work[0][np.newaxis])[0]
-                read += 1
-            memory.passed(read)
-            first += read
+                codes[first] = self._codes(work[0][np.newaxis])[0]
+                first += 1
 
     def _codes(self, conductance_s: Floats) -> NDArray[np.unsignedinteger]:
         """Return the codes of taxels [frames, rows, cols] by the array solve and the count of engine closed."""
         currents = column_currents(self._network, conductance_s)
+        if self.plan.front_end is not None:
+            return self._true.codes_of(currents)
         return closed.codes_of(self.plan, self.plan.converter.duty(currents))
 
-    def _read_solved(self, forces: Floats, dt_s: Floats, codes: NDArray) -> None:
-        with np.errstate(divide="ignore"):
-            g = 1.0 / self.plan.sensor.resistance_ohm(forces)
-        if self._true.memory.active:
-            for n, frame in enumerate(g):
-                g[n] = self.memory.apply(frame.ravel(), dt_s[n]).reshape(frame.shape)
-        codes[:] = self._codes(g * self._true.factor)
+    def _read_solved(self, forces: Floats, dt_s: Floats, codes: NDArray, part: slice) -> None:
+        g = np.empty((part.stop - part.start, self.rows, self.cols))
+        place = len(self._resets), part.start, part.stop
+        _taxel_frames(forces, *place, dt_s, self._law, self._sheet(), g)
+        codes[part] = self._codes(g)
+
+
+_PLACES = (("force_n", float), ("low_n", float), ("high_n", float), ("flags", np.uint8))
+
+
+def _planned(
+    scene: str | Path | Mapping[str, Any] | None,
+    effects: Mapping[str, Any] | None,
+    seed: int | None,
+    tables: Mapping[str, Any],
+) -> Plan:
+    """Plan a scene by name, path or tables for engine closed, with changes; its stimulus is left out."""
+    path = Path("Skin")
+    if isinstance(scene, str | Path):
+        path = scenes.find(str(scene))
+        data = read_toml(path)
+    elif scene is None or isinstance(scene, Mapping):
+        data = plain(scene or {})
+    else:
+        raise InputError("Skin", "scene", f"a {type(scene).__name__}", "a path, a name, a dict or a plan")
+    run = {} if seed is None else {"seed": seed}
+    for table in (plain(tables), {"run": run}, {"effects": plain(effects or {})}):
+        data = merged(data, table)
+    if none := empty(data):
+        raise InputError(path, none, "None", "a value; leave the key out for its default")
+    data["stimulus"] = {"kind": "uniform", "force_n": [0.0]}
+    return plan.make(scenes.from_data(data, path), "closed")

@@ -144,3 +144,8 @@ def test_the_core_loads_no_tool_of_an_extra() -> None:
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert (run.returncode, run.stderr) == (0, "")
+
+
+def test_the_package_shows_its_public_names_and_nothing_else() -> None:
+    assert dir(dermis) == sorted(dermis.__all__)
+    assert all(getattr(dermis, name).__doc__ for name in dir(dermis))

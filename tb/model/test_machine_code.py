@@ -7,10 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import dermis
 from dermis.machine_code import drop_stale
 from dermis.places import ROOT
+from dermis.skin import Skin
 
 LOOP = """
 import numba
@@ -74,3 +77,21 @@ def test_a_first_compilation_is_announced_once_and_kept_code_is_loaded_in_silenc
         said.append(done.stderr.splitlines())
     assert [line.partition(":")[0] for line in said[0]] == ["compiling once for this processor"]
     assert said[1] == []
+
+
+def test_after_warm_up_nothing_is_compiled() -> None:
+    from numba.core import event
+
+    dermis.warm_up()
+    skins = [
+        Skin("single_touch"),
+        Skin(envs=3, stuck=0.1, effects={"sensor_spread": True, "sensor_creep": True}),
+    ]
+    with event.install_recorder("numba:compile") as recorder:
+        for skin in skins:
+            force = np.ones((3, skin.rows, skin.cols), np.float32)
+            found = skin.decode(skin.read(force))
+            assert np.isfinite(found.force_n).all()
+        result = dermis.simulate(force_n=force, effects={"column_input": True}, engine="closed")
+        dermis.newtons(result.codes, result, corrected=True)
+    assert not recorder.buffer

@@ -134,7 +134,7 @@ DIRECT = UNIFORM + "[interface]\ntopology = 'direct'\n[effects]\n"
 # (scene text, the key that is named, a piece of what is allowed); test_strictness.py has every key alone.
 WRONG = [
     ("", "stimulus", "a table with a kind"),
-    ("tittle = 'x'\n" + UNIFORM, "tittle", "known here: array, effects, interface"),
+    ("tittle = 'x'\n" + UNIFORM, "tittle", "known here: array, effects, front_end, interface"),
     ("[stimulus]\nkind = 'slipping'\n", "stimulus.kind", "indenter"),
     ("[[stimulus]]\nkind = 'uniform'\n", "stimulus", "a table"),
     ("[stimulus]\nkind = 'uniform'\n", "stimulus", "exactly one of"),

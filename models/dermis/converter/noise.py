@@ -137,6 +137,8 @@ def _chosen_keys(seed, first_frame, frame, row, col, out):  # type: ignore
 
 def chosen_keys(seed: int, first_frame: int, cells: tuple[NDArray[np.intp], ...]) -> NDArray[np.uint64]:
     """Keys of chosen cells, given by frame, row and column, [n]."""
+    if len({cell.shape for cell in cells}) != 1:
+        raise ValueError("frames, rows and columns of cells must be as many")
     out = np.empty(cells[0].size, dtype=np.uint64)
     _chosen_keys(np.uint64(seed), first_frame, *cells, out)
     return out

@@ -274,6 +274,8 @@ def count(
     )
     if np.isnan(x).any():
         raise ValueError("x is not a number")
+    if not (packet > 0).all():
+        raise ValueError("packet must be above 0")
     if clocks > LONGEST_GATE:
         each = np.vectorize(lambda *cell: _count_of_rationals(clocks, *cell), otypes=[np.int64])
         return each(x, w0, packet, threshold)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from dermis.decode.law import KINDS, Curve, of_sensor
 from dermis.decode.memory import MemoryLaw
 from dermis.errors import InputError
 from dermis.files import text_of, write_atomic
+from dermis.machine_code import argument
 from dermis.records import Plan, setting_of
 from dermis.scene.sensor import SensorState, spread_factor
 
@@ -114,6 +116,10 @@ class Calibration:
     offset_v2 : ndarray
         [3, cols] covariance of the columns' offset voltages in V^2, given the resistances: of each with itself, with
         the next column and with the one after.
+    falling : bool
+        The codes that come from the board fall with current: `rising` turns them round.
+    divider : bool
+        r_column_ohm is a divider's resistor, which sets step_a as well; no fit changes it.
     """
 
     rows: int
@@ -140,6 +146,8 @@ class Calibration:
     uncorrected_part: float = 0.0
     modes: tuple[Mode, ...] = ()
     offset_v2: Floats = 0.0  # type: ignore[assignment]
+    falling: bool = False
+    divider: bool = False
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -150,6 +158,18 @@ class Calibration:
             array = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), shape).copy()
             object.__setattr__(self, name, array)
         object.__setattr__(self, "offset_v2", np.broadcast_to(self.offset_v2, (3, self.cols)).astype(float))
+        # What compiled loops take as it is: an index outside, or a shape of another sheet, would read foreign memory.
+        for name in (*_PER_COLUMN, "factor", "factor_part", "offset_v2"):
+            argument(getattr(self, name), name, getattr(self, name).shape)
+        for name in ("v_bias_v", "g_max_s", "noise_code", "law_part", "uncorrected_part"):
+            argument(getattr(self, name), name, ())
+        for mode in self.modes:
+            argument(mode.factor_part, "factor_part of a mode", (self.rows, self.cols))
+        for r, c, *_ in (*self.reference, *self.own):
+            if not (0 <= r < self.rows and 0 <= c < self.cols):
+                raise ValueError(f"taxel {r}, {c} is not one of {self.rows} x {self.cols}")
+        if not (self.step_a > 0).all() or not self.v_bias_v > 0:
+            raise ValueError("step_a and v_bias_v must be above 0")
 
     @classmethod
     def of_plan(cls, plan: Plan) -> Calibration:
@@ -164,29 +184,51 @@ class Calibration:
             "packet": packet,
             "threshold": c.v_comp_offset_v / packet_v,
         }
-        state = SensorState(**effects.gather(plan.scene.effects, setting_of(plan.scene)).sensor)
-        factor = np.full((plan.rows, plan.cols), 1.0 + state.temperature_error)
-        if state.spread:
-            draw = setting_of(plan.scene).rng("sensor_spread").standard_normal(factor.shape)
-            factor = factor * spread_factor(draw, state.spread)
+        setting = setting_of(plan.scene)
+        state = SensorState(**effects.gather(plan.scene.effects, setting).sensor)
+        factor = sheet_factor(state, (plan.rows, plan.cols), setting.rng)
         creep_start_s = plan.scene.design.sensor.creep_start_s
+        read_out: dict[str, Any] = {
+            "code_max": plan.timing.code_max,
+            "zero_code": code(0.0 * packet, gate, plan.timing.code_max, **level).astype(float),
+            "full_code": code(packet / 2, gate, plan.timing.code_max, **level).astype(float),
+            "step_a": step_a,
+            "start_code": 0.5 - start / packet + gate * c.i_offset_a / (c.i0_a * packet),
+            "inv_i_range_a": c.inv_i_range_a,
+            "g_max_s": OVERLOAD * plan.timing.code_max * float(step_a.max()) / plan.v_bias_v,
+        }
+        if (board := plan.front_end) is not None:
+            read_out = {
+                "code_max": board.full_scale,
+                "zero_code": board.zero_count,
+                "full_code": board.full_count,
+                "step_a": board.step_a,
+                "start_code": board.start_count,
+                "inv_i_range_a": 0.0,
+                "g_max_s": OVERLOAD * board.g_max_s,
+                "falling": board.falling,
+                "divider": board.divider,
+            }
         return cls(
             rows=plan.rows,
             cols=plan.cols,
-            code_max=plan.timing.code_max,
-            zero_code=code(0.0 * packet, gate, plan.timing.code_max, **level).astype(float),
-            full_code=code(packet / 2, gate, plan.timing.code_max, **level).astype(float),
             v_bias_v=table.interface.v_bias_v,
-            step_a=step_a,
-            start_code=0.5 - start / packet + gate * c.i_offset_a / (c.i0_a * packet),
-            inv_i_range_a=c.inv_i_range_a,
+            **read_out,
             network=dict(plan.surrounding),
             curve=of_sensor(plan.sensor),
             factor=factor,
             memory=MemoryLaw.of_effects(state.hysteresis, state.creep_per_decade, creep_start_s),
             uncorrected_part=UNSEEN_DECADES * state.creep_per_decade,
-            g_max_s=OVERLOAD * plan.timing.code_max * float(step_a.max()) / plan.v_bias_v,
         )
+
+    def rising(self, codes: NDArray) -> NDArray:
+        """Return codes that rise with current, for those of the board, or the reverse."""
+        return self.code_max - codes.astype(np.int64) if self.falling else codes
+
+    def codes_of(self, current_a: Floats) -> NDArray[np.unsignedinteger]:
+        """Return the codes [..., cols] that a board reads of column currents in ampere, without compression."""
+        codes = np.floor(current_a / self.step_a + self.start_code + 0.5).clip(0, self.code_max)
+        return self.rising(codes).astype(np.uint8 if self.code_max < 256 else np.uint16)
 
     def array(self, mode: Mode | None = None) -> Network:
         """Return the network around the taxels, or the one that is off by a mode."""
@@ -196,6 +238,18 @@ class Calibration:
     def law_of(self, row: int, col: int) -> Curve:
         """Return the law of a taxel."""
         return self.own.get((row, col), self.curve)
+
+    def uncorrected_n(self, codes: NDArray) -> Floats:
+        """Return the forces in newtons of codes [..., cols], each as if its taxel were alone and by the law."""
+        current_a = np.maximum(self.step_a * (self.rising(codes) - self.start_code), 0.0)
+        left_v = self.v_bias_v - self.divider * current_a * self.array().r_column_ohm
+        return self.curve.force_n(current_a / np.maximum(left_v, 1e-9))
+
+    def g_full_s(self) -> float:
+        """Return the largest conductance in siemens of a taxel that alone reads full scale."""
+        current_a = self.full_code * self.step_a
+        left_v = self.v_bias_v - current_a * self.array().r_column_ohm * self.divider
+        return float(np.minimum(current_a / np.maximum(left_v, 1e-9), self.g_max_s).max())
 
     def half_width_code(self) -> float:
         """Half the width in codes that quantisation and noise leave: beyond it lie `MISSED` of all readings.
@@ -225,7 +279,8 @@ class Calibration:
         data: dict[str, Any] = {"format": FORMAT, "notes": list(self.notes)}
         data["array"] = {"rows": self.rows, "cols": self.cols, "g_max_s": float(self.g_max_s)}
         chip = {"code_max": self.code_max, "v_bias_v": float(self.v_bias_v), "noise_code": self.noise_code}
-        data["chip"] = chip | {name: getattr(self, name).tolist() for name in _PER_COLUMN}
+        data["chip"] = chip | {"falling": self.falling, "divider": self.divider}
+        data["chip"] |= {name: getattr(self, name).tolist() for name in _PER_COLUMN}
         data["network"] = _plain(self.network)
         sheet = {"kind": self.curve.kind, "logarithmic": bool(self.curve.logarithmic)}
         sheet |= {"g_open_s": float(self.curve.g_open_s), "force_on_n": float(self.curve.force_on_n)}
@@ -250,6 +305,16 @@ class Calibration:
     def save(self, path: Path) -> None:
         """Write the calibration whole or not at all."""
         write_atomic(path, self.to_toml())
+
+
+def sheet_factor(
+    state: SensorState, shape: tuple[int, int], rng: Callable[[str], np.random.Generator]
+) -> Floats:
+    """Return the relative conductance of the taxels of a sheet, [rows, cols], by temperature and spread."""
+    factor = np.full(shape, 1.0 + state.temperature_error)
+    if state.spread:
+        factor = factor * spread_factor(rng("sensor_spread").standard_normal(shape), state.spread)
+    return factor
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
@@ -279,7 +344,8 @@ def load(path: Path | str) -> Calibration:
     rows, cols, code_max = array.whole("rows"), array.whole("cols"), chip.whole("code_max")
     taxels, radius = (rows, cols), memory.numbers("radius", None)
     # The first versions had no codes of none and of full scale, and no uncertainty of offsets.
-    chip = _Table(path, "chip", {"zero_code": [0.0] * cols, "full_code": [code_max] * cols} | chip.data)
+    first = {"zero_code": [0.0] * cols, "full_code": [code_max] * cols, "falling": False, "divider": False}
+    chip = _Table(path, "chip", first | chip.data)
     offsets = _Table(
         path, "uncertainty", data.get("uncertainty", {"offset_v2": np.zeros((3, cols)).tolist()})
     )
@@ -318,6 +384,7 @@ def load(path: Path | str) -> Calibration:
         ),
         offset_v2=offsets.numbers("offset_v2", (3, cols)),
         notes=tuple(data.get("notes", ())),
+        **{name: chip.value(name, bool) for name in ("falling", "divider")},
         **{name: chip.numbers(name, (cols,), positive=name == "step_a") for name in _PER_COLUMN},
     )
     try:

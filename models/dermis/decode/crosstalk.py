@@ -29,6 +29,12 @@ SLACK = 1e-3
 """Relative room, in the voltages that a proof uses, for the distance to the true solution."""
 REFINEMENTS = 60
 """Most corrections for trace resistance or a shared return."""
+HEAVY = 0.4
+"""Sum of a column's voltages in all slots, relative to the bias, from which on sweeps solve for sums of columns."""
+HEAVY_TOLERANCE = 1e-9
+"""Stop of these sweeps: sums that nearly cancel leave fewer digits, and a count of 16 bits is 1.5e-5."""
+NEWTONS = 40
+"""Most steps of `_newton`."""
 STALE = 3
 """Corrections in a row without a better solution that end the search."""
 
@@ -222,6 +228,35 @@ def converge(
         total[r] = 0.0
         for c in range(cols):
             total[r] += g[r, c]
+    lifted, heavy = np.zeros(cols), False
+    for c in range(cols):
+        for r in range(rows):
+            lifted[c] += u[r, c] / v_bias
+        heavy = heavy or lifted[c] > HEAVY
+    if heavy and g_ground == 0.0:
+        return -1  # open rows float with the columns: `_newton` has to do it
+    if heavy:
+        out, tolerance = np.empty_like(g), max(tolerance, HEAVY_TOLERANCE)
+        for n in range(SWEEPS):
+            change, _, _ = _sweep(
+                g,
+                out,
+                total,
+                u,
+                taken,
+                v_bias,
+                r_driven,
+                g_ground,
+                through,
+                current,
+                most,
+                r_column,
+                g_lateral,
+            )
+            if change <= tolerance and np.isfinite(out.sum()):
+                return n + 1
+            _lift(g, out, u, v_bias, total)
+        return -SWEEPS
     for n in range(SWEEPS):
         change, _, _ = _sweep(
             g, g, total, u, taken, v_bias, r_driven, g_ground, through, current, most, r_column, g_lateral
@@ -229,6 +264,28 @@ def converge(
         if change <= tolerance:
             return n + 1
     return -SWEEPS
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lift(g, out, u, v_bias, total):
+    """Move `g` on from a sweep `out` with the sum of every column solved for; fill in the row sums `total`.
+
+    A taxel by the sweep is (known + u (sum - g)) / (v - u), so the sum of a column is a linear equation in itself.
+    """
+    rows, cols = g.shape
+    total[:] = 0.0
+    for c in range(cols):
+        moved, slope = 0.0, 0.0
+        for r in range(rows):
+            part = u[r, c] / v_bias
+            if out[r, c] > 0.0:
+                out[r, c] += part * (g[r, c] - out[r, c])
+                slope += part
+            moved += out[r, c] - g[r, c]
+        moved /= max(1.0 - slope, 1e-4)
+        for r in range(rows):
+            g[r, c] = max(out[r, c] + moved * u[r, c] / v_bias, 0.0) if out[r, c] > 0.0 else 0.0
+            total[r] += g[r, c]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -276,7 +333,9 @@ def _solve_frames(
                     out[n, r, c] = np.inf
 
 
-def solve(network: Network, currents_a: ArrayLike, most_a: Floats | None = None) -> Solved:
+def solve(
+    network: Network, currents_a: ArrayLike, most_a: Floats | None = None, slow: bool = False
+) -> Solved:
     """Solve for the taxels of a network whose column currents are known.
 
     Parameters
@@ -288,6 +347,8 @@ def solve(network: Network, currents_a: ArrayLike, most_a: Floats | None = None)
     most_a : ndarray, optional
         [frames, rows, cols] largest current in ampere where a reading is clipped (code 0), inf elsewhere. A clipped
         taxel is open: its current is what the others leave for it, `most_a` at the highest.
+    slow : bool
+        Solve frames whose sweeps did not converge by Newton's method, some 0.1 s each: for columns with dividers.
 
     Notes
     -----
@@ -309,15 +370,17 @@ def solve(network: Network, currents_a: ArrayLike, most_a: Floats | None = None)
     if not np.isfinite(currents).all():
         raise ValueError("currents_a must be finite")
     most = np.empty((0, 0, 0)) if most_a is None else np.ascontiguousarray(most_a, dtype=float)
+    if most.size and (most.shape != currents.shape or np.isnan(most).any()):
+        raise ValueError(f"most_a must be {list(currents.shape)} numbers, as currents_a")
     clipped = most < np.inf if most.size else np.zeros(currents.shape, dtype=bool)
     if lumped(network):
-        return _lumped(network, currents, most)
+        return _lumped(network, currents, most, slow)
     around = dataclasses.replace(network, **dict.fromkeys(CORRECTED, 0.0))
     if not lumped(around):
         raise ValueError(f"no inverse for {', '.join(sorted(around.active_fields() - CARRIED))}")
     size = np.maximum(np.abs(currents).max(axis=(1, 2), initial=0.0), 1e-300)
     seen = currents.copy()
-    found = _lumped(around, seen, most)
+    found = _lumped(around, seen, most, slow)
     sweeps = found.sweeps.copy()
     open_frames, stale = np.arange(len(currents)), np.zeros(len(currents), dtype=int)
     conductance, residual = found.conductance_s.copy(), np.full(len(currents), np.inf)
@@ -346,7 +409,7 @@ def solve(network: Network, currents_a: ArrayLike, most_a: Floats | None = None)
         # An open taxel may have been asked for less than it can carry: what is missed counts from there.
         asked = np.where((g == 0) & (missed > 0), column_currents(around, g), seen[open_frames])
         seen[open_frames] = asked + missed
-        found = _lumped(around, seen[open_frames], most[open_frames] if most.size else most)
+        found = _lumped(around, seen[open_frames], most[open_frames] if most.size else most, slow)
         tried[open_frames] = found.conductance_s
         sweeps[open_frames] += np.abs(found.sweeps)
     # A millionth of what a count resolves (1 / 510), with 1000 times the rounding of the solve left.
@@ -374,10 +437,62 @@ def arguments(network: Network) -> tuple:
     return network.v_bias_v, network.r_row_driven_ohm, g_ground, *sources, g_lateral
 
 
-def _lumped(network: Network, currents: Floats, most: Floats) -> Solved:
+def _lumped(network: Network, currents: Floats, most: Floats, slow: bool) -> Solved:
     """Solve a network whose fields `arguments` carries; `currents` is changed where `most` is finite."""
     frames = len(currents)
     out, error, residual = np.empty_like(currents), np.empty(frames), np.empty(frames)
     sweeps = np.empty(frames, dtype=np.int64)
     _solve_frames(currents, most, *arguments(network), out, error, residual, sweeps)
+    # The matrix of a sheet of 64 x 64 has 130 MB.
+    for n in np.flatnonzero((sweeps < 0) & slow & (network.rows * network.cols <= 4096)):
+        found, off = _newton(network, currents[n], most[n] if most.size else np.full(out.shape[1:], np.inf))
+        if off < HEAVY_TOLERANCE:
+            out[n], error[n], residual[n], sweeps[n] = found, np.inf, off, SWEEPS
     return Solved(out, error, residual, sweeps > 0, np.abs(sweeps), currents)
+
+
+def _newton(network: Network, currents: Floats, most: Floats) -> tuple[Floats, float]:
+    """Solve one frame [rows, cols] by Newton's method, with all taxels in one matrix; slow, for what sweeps do not do.
+
+    The equations are those of a sweep. A clipped taxel, and one whose equation asks for less than 0, is open.
+
+    Returns
+    -------
+    ndarray, float
+        Conductances in siemens, and the largest current that they miss, relative to the largest of the frame.
+    """
+    v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral = arguments(network)
+    rows, cols = currents.shape
+    u, taken = np.empty((2, rows, cols))
+    known_voltages(currents, r_column, v_offset, i_leak, g_lateral, u, taken)
+    g = np.where(most < np.inf, 0.0, np.maximum(currents, 0.0) / np.maximum(v_bias - u, LEAST_V))
+    best, least = g, np.inf
+    row, col = np.arange(rows), np.arange(cols)
+    for _ in range(NEWTONS):
+        total = g.sum(axis=1)
+        # Slot, row: the voltage of every row line in every slot, the driven one on the diagonal.
+        p = u @ g.T / np.maximum(total + g_ground, 1e-300)
+        droop = r_driven / (1.0 + r_driven * total)
+        p[row, row] = (v_bias + r_driven * (g * u).sum(axis=1)) / (1.0 + r_driven * total)
+        across = p[:, :, None] - u[:, None, :]
+        off = np.einsum("ic,sic->sc", g, across) - taken
+        held = (most < np.inf) | ((g == 0.0) & (off > 0.0))
+        worst = float(np.abs(np.where(held, 0.0, off)).max() / max(np.abs(taken).max(), 1e-300))
+        if worst < least:
+            best, least = g, worst
+        if worst < 0.1 * HEAVY_TOLERANCE:
+            break
+        # Of the current in (slot, column) by the conductance in (row, column), over the voltage of the row line.
+        weight = np.broadcast_to(1.0 / np.maximum(total + g_ground, 1e-300), (rows, rows)).copy()
+        weight[row, row] = droop
+        matrix = np.einsum("ic,si,sik->scik", g, -weight, across)
+        matrix[:, col, :, col] += across.transpose(2, 0, 1)
+        free = ~held.ravel()
+        matrix = matrix.reshape(g.size, g.size)[np.ix_(free, free)]
+        step = np.zeros(g.size)
+        try:
+            step[free] = np.linalg.solve(matrix, -off.ravel()[free])
+        except np.linalg.LinAlgError:
+            break
+        g = np.maximum(g + step.reshape(g.shape), 0.0)
+    return best, least

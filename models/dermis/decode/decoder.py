@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import threading
 from collections import namedtuple
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -142,6 +144,19 @@ def _spread(k, g, e_down, e_up, u, total, full, hidden, down, up, through, doubt
                 lost = r_driven * row_error + r_column[c] * e[r, c]
                 across = p - u[r, c] - (lost if side == 1 else 0.0)
                 d[r, c] = (through[c] + g[r, c] * lost) / across if across > 0.0 else np.inf
+        for c in range(cols):
+            # Errors of a column add up in its voltages, which move all of its taxels again; one without an end is a
+            # short, which `full` rows allow for.
+            again, below, lifted = 0.0, 0.0, 0.0
+            for r in range(rows):
+                again += d[r, c] if d[r, c] < np.inf else 0.0
+                lifted += max(u[r, c], 0.0) / v_bias
+            again *= lifted / (1.0 - lifted) if lifted < 1.0 else np.inf
+            for r in range(rows - 1, -1, -1):
+                before = d[r, c]
+                if lifted > 0.0:
+                    d[r, c] += max(u[r, c], 0.0) / v_bias * (again + below)
+                below += before - e[r, c] / v_bias if before < np.inf else 0.0
 
 
 @_compiled
@@ -383,26 +398,31 @@ def numbers(values: ArrayLike, name: str) -> Floats:
     return np.ascontiguousarray(array, dtype=float)
 
 
-def times(t_frame_s: ArrayLike, frames: int) -> Floats:
-    """Return the time before each frame in seconds, [frames]; ValueError if a time is not finite or below 0."""
+def times(t_frame_s: ArrayLike, frames: int, sheets: int = 0) -> Floats:
+    """Return the time before each frame in seconds, [frames], or of each of some sheets, [frames * sheets].
+
+    ValueError if a time is not finite or below 0.
+    """
     # An array of its own: a broadcast one has other strides, and the loops would be compiled again for it.
-    dt_s = np.empty(frames)
+    dt_s = np.empty((frames, sheets) if sheets else frames)
     try:
         dt_s[:] = numbers(t_frame_s, "t_frame_s")
     except ValueError:
-        raise ValueError(f"t_frame_s must be a number of seconds, or {frames} of them") from None
+        wanted = f"[{sheets}] or [{frames}, {sheets}]" if sheets else f"{frames}"
+        raise ValueError(f"t_frame_s must be a number of seconds, or {wanted} of them") from None
     if not (np.isfinite(dt_s).all() and (dt_s >= 0).all()):
         raise ValueError("t_frame_s must be finite and 0 or above: time does not run backwards")
-    return dt_s
+    return dt_s.reshape(-1)
 
 
-def check_out(out: object, shape: tuple[int, ...], kind: DTypeLike, name: str) -> None:
-    """Raise ValueError unless a compiled loop may write an array of this shape and type into `out`."""
+def check_out(out: object, shape: tuple[int, ...], kind: DTypeLike, name: str) -> NDArray:
+    """Return `out`; ValueError unless a compiled loop may write an array of this shape and type into it."""
     fits = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == kind
     if not (fits and out.flags.c_contiguous and out.flags.writeable):
         wanted = f"a writable, contiguous {np.dtype(kind)} array of shape {list(shape)}"
         got = f"{out.dtype} {list(out.shape)}" if isinstance(out, np.ndarray) else type(out).__name__
         raise ValueError(f"{name} must be {wanted}, not {got}")
+    return out
 
 
 def _stacked(cal: Calibration) -> tuple:
@@ -438,7 +458,7 @@ class Decoder:
         self.t_frame_s = float(t_frame_s)
         self._network = network = cal.array()
         self._off = [cal.array(mode) for mode in cal.modes]
-        self._lumped = crosstalk.lumped(network)
+        self._lumped = crosstalk.lumped(network) and not cal.divider
         v_bias_v, r_driven_ohm, *others = crosstalk.arguments(network)
         row_end, column_end = cal.cols * network.r_trace_row_ohm, cal.rows * network.r_trace_column_ohm
         self._known = _Known(
@@ -447,7 +467,7 @@ class Decoder:
             *(
                 cal.half_width_code(),
                 float(cal.g_max_s),
-                float((cal.full_code * cal.step_a).max() / v_bias_v),
+                cal.g_full_s(),
             ),
             *(v_bias_v, r_driven_ohm, *others, float(r_driven_ohm + row_end), others[1] + column_end),
             *(float(network.r_return_ohm), bool(row_end > 0 or column_end > 0)),
@@ -465,8 +485,22 @@ class Decoder:
 
     def reset(self) -> None:
         """Forget the stream: the next frame is the first."""
+        self.memory = self.fresh()
+
+    def fresh(self) -> SheetMemory:
+        """Return the state of a stream before its first frame."""
         cal = self.calibration
-        self.memory = SheetMemory(cal.memory, cal.rows * cal.cols, cal.curve.g_open_s)
+        return SheetMemory(cal.memory, cal.rows * cal.cols, cal.curve.g_open_s)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_lock"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._lock = threading.Lock()
+
+    def __copy__(self) -> Decoder:
+        return copy.deepcopy(self)
 
     def decode(
         self, codes: ArrayLike, t_frame_s: float | ArrayLike | None = None, out: Forces | None = None
@@ -494,7 +528,7 @@ class Decoder:
             raise ValueError(f"codes must be integers [frames, {cal.rows}, {cal.cols}]")
         if codes.size and not (0 <= codes.min() and codes.max() <= cal.code_max):
             raise ValueError(f"codes must be 0..{cal.code_max}")
-        frames = codes.reshape(-1, cal.rows, cal.cols)
+        frames = cal.rising(codes).reshape(-1, cal.rows, cal.cols)
         dt_s = times(self.t_frame_s if t_frame_s is None else t_frame_s, len(frames))
         if out is None:
             out = Forces(*(np.empty(codes.shape) for _ in range(3)), np.empty(codes.shape, np.uint8))
@@ -525,11 +559,13 @@ class Decoder:
             [frames, 2, rows, cols]: conductances in siemens, NaN where the solution did not converge; and currents
             in ampere.
         """
+        if codes.ndim != 3 or codes.shape[1:] != (self.calibration.rows, self.calibration.cols):
+            raise ValueError(f"codes must be [frames, {self.calibration.rows}, {self.calibration.cols}]")
         down, up = np.empty((2, *codes.shape[1:]))
         currents, most = np.empty((2, *codes.shape))
         for n, frame in enumerate(codes):
             currents_of(self._known, frame, currents[n], down, up, most[n])
-        found = crosstalk.solve(network, currents, most)
+        found = crosstalk.solve(network, currents, most, self.calibration.divider)
         g = np.where(found.converged[:, None, None], found.conductance_s, np.nan)
         return np.stack([g, found.current_a], axis=1)
 

@@ -193,8 +193,8 @@ def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, 
     ]
     telling = pressed & (typical >= 2 * LEAST_CODE)
     dead = telling.any(axis=0) & ~(telling & (codes >= LEAST_CODE)).any(axis=0)
-    full = calibration.code_max
-    stuck = (codes >= full).all(axis=0) & (~pressed | (typical < full)).any(axis=0)
+    full = calibration.full_code
+    stuck = (codes >= full).all(axis=0) & (~pressed | (typical < full.min())).any(axis=0)
     said = {(int(r), int(c)): "does not respond to loads" for r, c in np.argwhere(dead)}
     return said | {(int(r), int(c)): "reads full scale without a load" for r, c in np.argwhere(stuck)}
 
@@ -222,7 +222,7 @@ def _fit_network(
 
     def fields(names: list[str], x: Floats) -> dict[str, Any]:
         values = {n: (v - 1) * NETWORK_START[n] for n, v in zip(names, x, strict=False)}
-        if "r_row_driven_ohm" in values:
+        if "r_row_driven_ohm" in values and np.isfinite(known.r_row_grounded_ohm):
             values["r_row_grounded_ohm"] = values["r_row_driven_ohm"]
         if x.size > len(names):
             values["v_column_offset_v"] = known.v_column_offset_v + (x[len(names) :] - 1) * OFFSET_PRIOR_V
@@ -233,7 +233,8 @@ def _fit_network(
 
         def residual(x: Floats) -> Floats:
             network = dataclasses.replace(known, **fields(names, x))
-            return np.r_[residual_of(crosstalk.solve(network, currents).conductance_s), x[len(names) :] - 1]
+            solved = crosstalk.solve(network, currents, None, calibration.divider).conductance_s
+            return np.r_[residual_of(solved), x[len(names) :] - 1]
 
         # x - 1 is relative to the start value, so that a step of differences is never 0.
         low = np.where(np.arange(first.size) < len(names), 1.0, -199.0)
@@ -242,12 +243,15 @@ def _fit_network(
         return found.x, found.jac, spread
 
     # Offsets and resistances first: traces, which are slow, are looked for with the offsets held.
-    plain = [n for n in NETWORK_START if n not in TRACES]
-    x, _, _ = search(plain, np.r_[np.full(len(plain), 2.0), np.ones(cols)])
+    # Columns of dividers have a known resistor and no offset; its tolerance would pass for a trace.
+    held_by_board = ("r_column_ohm", *TRACES) if calibration.divider else ()
+    every = [n for n in NETWORK_START if n not in held_by_board]
+    plain = [n for n in every if n not in TRACES]
+    x, _, _ = search(plain, np.r_[np.full(len(plain), 2.0), np.ones(0 if calibration.divider else cols)])
     offsets = x[len(plain) :]
     known_before = known
     known = dataclasses.replace(known, **fields([], offsets))
-    names, remarks, values = list(NETWORK_START), {}, {}
+    names, remarks, values = list(every), {}, {}
     first = dict(zip(plain, x, strict=False)) | dict.fromkeys(TRACES, 1.1)
     while True:
         x, jac, spread = search(names, np.array([first[n] for n in names]))
@@ -299,7 +303,9 @@ def _fit_network(
             moved = np.r_[np.maximum(x[:size] + d, 1.0), x[size:] + given @ d]
             modes.append(fields(names, moved))
     left = (covariance[size:, size:] - given @ mixed.T) * OFFSET_PRIOR_V**2
-    band = np.array([np.r_[np.diag(left, k), np.zeros(k)] for k in range(3)])
+    band = np.zeros((3, cols))
+    for k in range(min(3, len(left))):
+        band[k, : cols - k] = np.diag(left, k)
     network = dataclasses.replace(known, **fields(names, x))
     return _NetworkFit(network, values, remarks, modes, band)
 
@@ -319,7 +325,7 @@ def _fit_loads(
     odd_taxels = [r * calibration.cols + c for r, c in odd or ()]
     codes = np.array([load.codes.mean(axis=0) for load in loads])
     force = np.array([load.force_n for load in loads])
-    used = (codes >= LEAST_CODE) & (codes < calibration.code_max) & (force > 0)
+    used = (codes >= LEAST_CODE) & (codes < calibration.full_code) & (force > 0)
     taxel = np.broadcast_to(np.arange(codes[0].size).reshape(codes[0].shape), codes.shape)[used]
     which = np.nonzero(used)[0]
     if used.sum() < 10:
@@ -333,7 +339,7 @@ def _fit_loads(
     slopes = [np.where(m, log_force - log_force[m].mean(), 0.0) for m in mine]
     matrix = np.column_stack([np.eye(names.size)[at], effects, *slopes])
     # Half a code in a small reading counts less; of the two sets of effects one constant is free.
-    weight = codes[used] * np.sqrt(12)
+    weight = _weight(calibration, codes)[used]
     left, size, _ = np.linalg.svd(weight[:, None] * matrix, full_matrices=False)
     # The free constant is 1e-16 of the largest direction by rounding; the least that loads determine is above 1e-4.
     basis = left[:, size > 1e-9 * size[0]]
@@ -348,7 +354,7 @@ def _fit_loads(
 
     def taxels(network: Network) -> tuple[Floats, Floats, Floats]:
         """Return conductances, effects of taxels and factors [rows x cols] with a network."""
-        g = crosstalk.solve(network, currents).conductance_s
+        g = crosstalk.solve(network, currents, None, calibration.divider).conductance_s
         solution = np.linalg.lstsq(weight[:, None] * matrix, weight * np.log(g[used]), rcond=None)[0]
         factor = np.ones(codes[0].size)
         factor[names] = np.exp(solution[: names.size] - solution[: names.size].mean())
@@ -403,6 +409,21 @@ def _fit_loads(
         law_part=law_part,
     )
     return SheetFit(made, fitted.values, fitted.remarks, ()), by_load
+
+
+def _weight(calibration: Calibration, codes: Floats) -> Floats:
+    """Return one over the standard deviation of the logarithm of a conductance by rounding, of codes [..., cols].
+
+    A divider's resistor takes voltage from the taxel: a count at u of the bias is 1 / (1 - u) times as much.
+    """
+    u = (
+        calibration.divider
+        * codes
+        * calibration.step_a
+        * calibration.array().r_column_ohm
+        / calibration.v_bias_v
+    )
+    return codes * np.sqrt(12) * np.maximum(1.0 - u, 1e-3)
 
 
 def _robust_law(kind: str, conductance_s: Floats, force_n: Floats, which: NDArray[np.integer]) -> law.Curve:
@@ -519,7 +540,8 @@ def fit_memory(
     """
     codes, force = np.asarray(codes, dtype=float), np.asarray(force_n, dtype=float)
     currents = calibration.step_a * (codes - calibration.start_code)
-    g = crosstalk.solve(calibration.array(), currents).conductance_s / calibration.factor
+    solved = crosstalk.solve(calibration.array(), currents, None, calibration.divider)
+    g = solved.conductance_s / calibration.factor
     flat_codes, flat_force = codes.reshape(len(codes), -1), force.reshape(len(force), -1)
     peak = flat_codes.max(axis=0)
     # Those that saturate lose the top of the cycle, where creep shows; they come last.
@@ -527,11 +549,12 @@ def fit_memory(
     chosen = chosen[peak[chosen] >= LEAST_CODE]
     seen, g = flat_codes[:, chosen], g.reshape(len(codes), -1)[:, chosen]
     force = flat_force[:, chosen]
-    used = (seen >= LEAST_CODE) & (seen < calibration.code_max) & (force > 0)
+    full = np.broadcast_to(calibration.full_code, codes.shape[1:]).ravel()[chosen]
+    used = (seen >= LEAST_CODE) & (seen < full) & (force > 0)
     if not used.any() or not (np.diff(force, axis=0) < 0).any():
         raise ContradictionError("a cycle needs a taxel that is pressed and let go")
     measured = np.where(used, np.log(np.maximum(g, 1e-12)), 0.0)
-    weight = seen[used] * np.sqrt(12)
+    weight = _weight(calibration, codes).reshape(len(codes), -1)[:, chosen][used]
 
     def law_of(p: Floats) -> MemoryLaw:
         radius, play, creep = p

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import isotonic_regression
 
+from dermis.machine_code import argument
 from dermis.scene.sensor import InverseSensor, PowerSensor
 
 Floats = NDArray[np.float64]
@@ -55,6 +56,14 @@ class Curve:
     g_open_s: float = 0.0
     force_on_n: float = 0.0
 
+    def __post_init__(self) -> None:
+        knots = argument(self.knots, "knots", (None,))
+        if not knots.size or not (np.diff(knots) > 0).all():
+            raise ValueError("knots must rise, and be at least one")
+        object.__setattr__(self, "knots", knots)
+        coefficients = argument(self.coefficients, "coefficients", (knots.size, 4))
+        object.__setattr__(self, "coefficients", coefficients)
+
     def arguments(self) -> tuple:
         """Return the arguments of `force_of` after the conductance."""
         return self.logarithmic, self.knots, self.coefficients, self.g_open_s, self.force_on_n
@@ -64,6 +73,7 @@ class Curve:
         g = np.array(conductance_s, dtype=float, order="C")
         out = np.empty(g.size)
         _forces(g.ravel(), out, *self.arguments())
+        out[np.isnan(g.ravel())] = np.nan
         return out.reshape(g.shape)
 
     def conductance_s(self, force_n: ArrayLike) -> Floats:

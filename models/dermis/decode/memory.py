@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dermis.errors import InputError
 from dermis.files import atomic
+from dermis.machine_code import argument
 from dermis.scene.sensor import creep_rates
 from dermis.scene.sensor_loops import advance_creep
 
@@ -52,6 +53,14 @@ class MemoryLaw:
     weight: Floats
     creep_per_decade: float = 0.0
     creep_start_s: float = 10e-3
+
+    def __post_init__(self) -> None:
+        radius = argument(self.radius, "radius", (None,), 0.0)
+        object.__setattr__(self, "radius", radius)
+        object.__setattr__(self, "weight", argument(self.weight, "weight", radius.shape, 0.0))
+        argument(self.creep_per_decade, "creep_per_decade", (), 0.0)
+        if not argument(self.creep_start_s, "creep_start_s", ()) > 0:
+            raise ValueError("creep_start_s must be above 0")
 
     @classmethod
     def of_effects(cls, hysteresis: float, creep_per_decade: float, creep_start_s: float) -> MemoryLaw:
@@ -236,14 +245,14 @@ class SheetMemory:
         self._fresh = True
 
     def _step(self, dt_s: float) -> None:
-        if not dt_s >= 0:
+        if not 0 <= dt_s < np.inf:
             raise ValueError(f"time runs backwards: a step of {dt_s} s")
         if self._rate.size and not self._fresh:
             advance_creep(self._creep, self._loaded, self._rate, self._weight, dt_s)
 
     def apply(self, conductance_s: Floats, dt_s: float) -> Floats:
         """Return the sheet's conductances for those by the law, [taxels], dt_s after the frame before."""
-        g = np.ascontiguousarray(conductance_s, dtype=float)
+        g = argument(conductance_s, "conductance_s", self._loaded.shape, 0.0)
         out = np.empty_like(g)
         self._step(dt_s)
         memory = self._z, self._creep, self._loaded, self._fresh
@@ -258,6 +267,14 @@ class SheetMemory:
         Where the loop has a flat piece no reading tells where on it a taxel is. The ends cover the piece. The estimate
         is a force that goes back as it came, and then one that rests where it was last seen to move.
         """
+        for name, array in (("low_s", low_s), ("conductance_s", conductance_s), ("high_s", high_s)):
+            fits = (
+                isinstance(array, np.ndarray) and array.shape == self._loaded.shape and array.dtype == float
+            )
+            if not (fits and array.flags.c_contiguous and array.flags.writeable and (array >= 0).all()):
+                raise ValueError(
+                    f"{name} must be a writable array of {self._loaded.size} doubles, 0 or above"
+                )
         self._step(dt_s)
         state, law = self.arrays()[:6], (self.law.radius, self.law.weight, self.law.creep_per_decade)
         ends, near = (low_s, conductance_s, high_s), (low_s.copy(), high_s.copy())

@@ -110,6 +110,9 @@ def check(plan: Plan) -> None:
 
 
 def _check_fields(plan: Plan) -> None:
+    if plan.front_end is not None:
+        allowed = "left out; boards are for dermis.Skin, dermis read and dermis calibrate"
+        raise InputError(plan.scene.path, "front_end", f"not possible with engine {plan.engine}", allowed)
     if lost := refused(plan, plan.engine):
         able, open_ = _named(plan)
         effects = sorted({effect for name in lost for effect in plan.effects_of_field(name)})

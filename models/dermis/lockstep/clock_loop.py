@@ -20,6 +20,8 @@ from dermis.lockstep import ngspice
 from dermis.lockstep.half import AnalogHalf, Edge
 
 _RUNNING, _ENDED, _WRONG = 1, 2, 3  # of `enum state` in clock_loop.c
+MAX_SAMPLES = 4096
+"""Room for the samples of a half: MAX_EDGES of clock_loop.c."""
 _SOLVE = ctypes.CFUNCTYPE(
     ctypes.c_int,
     ctypes.c_double,
@@ -172,6 +174,8 @@ class ClockLoop:
         SimulatorError
             As `require`.
         """
+        if not 0 <= samples <= MAX_SAMPLES:
+            raise ValueError(f"samples must be 0..{MAX_SAMPLES}, not {samples}")
         self._bind()
         for first, period in time.clocks:
             self._check(self._lib.loop_clock(first, period))
@@ -189,7 +193,10 @@ class ClockLoop:
         """Advance a half that is in Python."""
         edges: list[Edge] = [(time[i], source[i], level[i]) for i in range(count)]
         try:
-            for i, value in enumerate(self._half.advance(to, edges)):
+            values = self._half.advance(to, edges)
+            if len(values) > MAX_SAMPLES:
+                raise ValueError(f"{len(values)} samples of a half; at most {MAX_SAMPLES}")
+            for i, value in enumerate(values):
                 sample[i] = value
         except BaseException as error:  # C hands it on to `require`
             self._raised = error
@@ -285,9 +292,11 @@ def replay(half: ngspice.NgspiceHalf, period_s: float, edges: Sequence[Sequence[
         As NgspiceHalf.
     """
     lib = ngspice.loaded()
+    for clock in edges:
+        half.check(clock)
     first = np.cumsum([0, *map(len, edges)], dtype=np.int32)
-    time, source, level = zip(*(edge for clock in edges for edge in clock), strict=True)
-    arrays = first, np.array(source, np.int32), np.array(time), np.array(level)
+    flat = np.array([edge for clock in edges for edge in clock], dtype=float).reshape(-1, 3).T
+    arrays = first, flat[1].astype(np.int32), flat[0].copy(), flat[2].copy()
     lib.loop_replay.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_long, *[ctypes.c_void_p] * 4]
     if code := lib.loop_replay(half.entry, period_s, len(edges), *(a.ctypes.data for a in arrays)):
         half.fail(code)

@@ -286,6 +286,15 @@ class NgspiceHalf:
         found = (line.split() for line in text.value.decode().splitlines())
         return [f".nodeset v({name})={value}" for name, value in found if math.isfinite(float(value))]
 
+    def check(self, edges: Sequence[Edge]) -> None:
+        """Raise ValueError for an edge of a source that the deck has not, or of no finite time and level."""
+        for time, source, level in edges:
+            if not (0 <= source < len(self._sources) and math.isfinite(time) and math.isfinite(level)):
+                allowed = f"a finite time and level of source 0..{len(self._sources) - 1}"
+                raise ValueError(f"edge {(time, source, level)} must be {allowed}")
+        if len(edges) > self._source.size:
+            raise ValueError(f"{len(edges)} edges in one call; at most {self._source.size}")
+
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
         """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next
         call overwrites).
@@ -298,6 +307,7 @@ class NgspiceHalf:
         SimulatorError
             A probe is later than the last call was.
         """
+        self.check(edges)
         for i, (time, source, level) in enumerate(edges):
             self._source[i] = source
             self._time[i] = time

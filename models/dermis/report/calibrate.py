@@ -81,7 +81,10 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     """
     table = validate(SessionTable, read_toml(path), path)
     rows, cols = table.array.rows, table.array.cols
-    made = Calibration.of_plan(chip_of(rows, cols, table.start.scene))
+    scene = table.start.scene
+    if scene is not None and (path.parent / scene).is_file():
+        scene = str(path.parent / scene)
+    made = Calibration.of_plan(chip_of(rows, cols, scene))
     said: list[verdict.Row] = []
 
     def frames(name: str, key: str, kind: str = "forces") -> NDArray[Any]:
@@ -97,7 +100,7 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             return found
         if not ((found >= 0) & (found <= made.code_max) & (found == np.floor(found))).all():
             raise InputError(path, key, name, f"codes 0..{made.code_max}")
-        return found.astype(np.int64)
+        return made.rising(found.astype(np.int64))
 
     def value(name: str, pair: tuple[float, float], unit: str, remark: str = "") -> None:
         note = f"standard uncertainty {pair[1]:.3g}" + (f"; {remark}" if remark else "")
@@ -118,7 +121,7 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             value("step_a", (float(made.step_a.mean()), float((made.step_part * made.step_a).mean())), "A")
             value("start_code", (float(made.start_code.mean()), float(made.start_sigma_code.mean())), "codes")
         if table.load:
-            loads = []
+            loads: list[identify.Load] = []
             for n, load in enumerate(table.load):
                 known, key = load.force_n, f"load.{n}.force_n"
                 if isinstance(known, str):
@@ -129,6 +132,11 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
                     raise InputError(path, key, known, "a number >= 0, or a file")
                 codes = frames(load.file, f"load.{n}.file", "codes")
                 loads.append(identify.Load(load.name or load.file, codes, force))
+            if not table.current and (spread := [noise for load in loads for noise in _noise(made, load)]):
+                made = dataclasses.replace(made, noise_code=float(np.sqrt(np.mean(np.square(spread)))))
+                said.append(
+                    verdict.report("calibrate.noise", made.noise_code, "codes", "of the frames of a load")
+                )
             fit = identify.fit_sheet(made, loads, table.start.law)
             made = fit.calibration
             for name, pair in fit.values.items():
@@ -161,6 +169,12 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
         conductance_s = made.law_of(ref.row, ref.col).conductance_s(ref.force_n)
         places.append((ref.row, ref.col, float(conductance_s * made.factor[ref.row, ref.col])))
     return dataclasses.replace(made, reference=tuple(places)), said
+
+
+def _noise(made: Calibration, load: identify.Load) -> list[float]:
+    """Return the noise in codes of a load with several frames; none of one, or of one that reads nothing."""
+    pressed = load.codes.mean(axis=0) >= identify.LEAST_CODE
+    return [identify.fit_noise(load.codes[:, pressed])] if len(load.codes) > 1 and pressed.any() else []
 
 
 def drift_rows(new: Calibration, old: Calibration) -> list[verdict.Row]:

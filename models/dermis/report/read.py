@@ -21,7 +21,7 @@ from dermis import engines
 from dermis import plan as planning
 from dermis.chip.spi_protocol import RowsOfInterest
 from dermis.decode import calibration, recording, recording_bag
-from dermis.decode.decoder import UNSOLVED, Forces
+from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Forces
 from dermis.errors import InputError, one_line, optional
 from dermis.files import write_atomic
 from dermis.places import BUILD
@@ -41,7 +41,7 @@ LEAST_CODE = 8
 """A recording whose largest code is below uses less than 5 of 8 bits: a wrong unit, scale or k."""
 COVERAGE_MIN = 0.99
 """Least share of forces in their 99.9 % interval; less is another chip or sheet."""
-WRONG_UNIT = "a wrong --unit or --scale? k of the scene sets the range"
+WRONG_UNIT = "a wrong --unit, --scale or [front_end]? k of the scene sets the range"
 SHADES = ".:-=+*#%@"
 THRESHOLD = 0.1
 """Onset: the total force passes this part of its largest value."""
@@ -134,8 +134,11 @@ def read_frames(
     codes = skin.read(_filled(force), dt)
     found = _decoded(skin, rec, codes, missing, dt)
     force, present = np.where(missing, 0.0, force), rec.present & ~missing
-    plain = skin.plan.force_of_duty(codes / skin.plan.timing.gate_clocks)
-    full = codes >= skin.plan.timing.code_max
+    if skin.plan.front_end is None:
+        plain = skin.plan.force_of_duty(codes / skin.plan.timing.gate_clocks)
+    else:
+        plain = skin.decoder.calibration.uncorrected_n(codes)
+    full = (found.flags & SATURATED) > 0
     used = present & (force > 0) & ~full
     rows = []
     for name, forces in (("uncorrected", plain), ("corrected", found.force_n)):
@@ -153,7 +156,7 @@ def read_frames(
         r, c = np.unravel_index(np.argmin(taxels), taxels.shape)
         why = f"the calibration does not fit; most errors at row {r}, column {c}"
     rows.append(verdict.within("read.interval_coverage", covered, "1", least, None, why))
-    rows.append(_largest(codes))
+    rows.append(_largest(skin.decoder.calibration.rising(codes)))
     return codes, found, rows
 
 
@@ -177,7 +180,8 @@ def decode_frames(
     codes = _filled(values).astype(engines.code_type(most))
     found = _decoded(skin, rec, codes, missing, np.diff(rec.time_s, prepend=rec.time_s[0]))
     present = rec.present & ~missing
-    width = (found.high_n - found.low_n)[present & (codes > 0)]
+    pressed = present & ((found.flags & ZERO) == 0)
+    width = (found.high_n - found.low_n)[pressed]
     total = np.where(present, found.force_n, 0.0).sum(axis=(1, 2))
     unsolved = int((found.flags & UNSOLVED).any(axis=(1, 2)).sum())
     rows = [
@@ -191,8 +195,8 @@ def decode_frames(
             0,
             "the network does not fit" * bool(unsolved),
         ),
-        _saturated((codes >= most), present, int((present & (codes > 0)).sum())),
-        _largest(codes),
+        _saturated((found.flags & SATURATED) > 0, present, int(pressed.sum())),
+        _largest(skin.decoder.calibration.rising(codes)),
     ]
     if np.isfinite(width).any():
         median = float(np.median(width))
@@ -216,7 +220,7 @@ def _decoded(
     found = skin.decode(codes, dt)
     if missing.any():
         # The ends of its range; at full scale it would be a short, which opens all intervals of its row.
-        for other in (0, skin.decoder.calibration.code_max - 1):
+        for other in skin.decoder.calibration.rising(np.array([0, skin.decoder.calibration.code_max - 1])):
             skin.decoder.reset()
             end = skin.decode(np.where(missing, other, codes).astype(codes.dtype), dt)
             np.minimum(found.low_n, end.low_n, out=found.low_n)
@@ -430,8 +434,17 @@ def read_command(
             )
             click.echo(f"warning: {notes[-1]}", err=True)
         chip = chip_of(rows, cols, scene)
+        if chip.front_end is not None and unit == "codes" and through_chip:
+            raise InputError(
+                "command line", "--through-chip", scene, "a scene of a chip, not of a [front_end]"
+            )
         # Times of a file have six digits; a frame that is shorter by less is the same.
-        if not decodes and frames > 1 and rec.t_frame_s < chip.timing.frame_s * (1 - 1e-6):
+        if (
+            chip.front_end is None
+            and not decodes
+            and frames > 1
+            and rec.t_frame_s < chip.timing.frame_s * (1 - 1e-6)
+        ):
             most = 1 / chip.timing.frame_s
             allowed = f"at most {most:.4g} frames a second: the chip reads {rows} rows in {1 / most:g} s"
             speed = f"{1 / rec.t_frame_s:.6g}" if rec.t_frame_s else "no time between frames"
@@ -446,7 +459,8 @@ def read_command(
             values = np.where(rec.present, rec.values, np.inf if unit == "ohm" else 0)
             force = np.where(rec.present, forces_of(values, unit, chip, area_mm2, scale), 0.0)
             codes, found, judged = read_frames(skin, rec, force)
-        judged += interest_rows(codes, rec.time_s, chip.timing.frame_s)
+        if chip.front_end is None and (own is None or not (own.divider or own.falling)):
+            judged += interest_rows(codes, rec.time_s, chip.timing.frame_s)
         said = {"file": str(file), "unit": unit, "scene": scene or "default chip", "calibration": known}
         told = understood(rec, unit, area_mm2)
         said |= {"decoded": decodes, "understood": told, "warnings": notes}

@@ -19,6 +19,8 @@ from dermis.places import ROOT
 from dermis.scene import extracted
 from dermis.scene.design import Design
 from dermis.scene.design import load as load_design
+from dermis.scene.front_end import EFFECT_FIELDS, FrontEndTable
+from dermis.scene.front_end import resolve as resolve_front_end
 from dermis.scene.schema import Strict, allowed_of, entry, models_of, read_toml, validate, write_toml
 from dermis.scene.sensor import SensorTable
 from dermis.scene.sensor import resolve as resolve_sensor
@@ -107,6 +109,9 @@ class SceneTable(Strict):
         EffectsTable(), "Departures from the ideal; an effect that is not named is off", "a table of effects"
     )
     run: RunTable = entry(RunTable(), "Engine, seed and views")
+    front_end: FrontEndTable | None = entry(
+        None, "A board of another kind that reads the sheet instead of the chip", "a table with a circuit"
+    )
 
 
 @dataclass(frozen=True)
@@ -248,6 +253,13 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
         lowest_f = interface.i0_a / design.converter.f_clk_hz / design.swing_v
         allowed = f"at least {lowest_f:.3g} F, so that a packet stays within {design.swing_v:g} V"
         raise InputError(path, "interface.c_int_f", interface.c_int_f, allowed)
+    front_end = table.front_end
+    if front_end is not None:
+        if given := table.interface.model_fields_set:
+            allowed = "left out with [front_end], which reads the sheet instead of the chip"
+            raise InputError(path, f"interface.{min(given)}", getattr(table.interface, min(given)), allowed)
+        front_end = resolve_front_end(front_end, array.cols, path)
+        interface = interface.model_copy(update={"v_bias_v": front_end.supply_v})
     run = table.run.model_copy(update={"views": resolve_views(table.run.views, array.cols, path)})
     t_frame_s = array.rows * (design.timing.slot_clocks / design.converter.f_clk_hz)
     stimulus = resolve_stimulus(table.stimulus, array.rows, array.cols, t_frame_s)
@@ -255,10 +267,21 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
     if named.extracted is not None:
         named = extracted.expanded(named, interface, design, path)
     parts = {"array": array, "sensor": sensor, "interface": interface, "stimulus": stimulus, "run": run}
-    resolved = table.model_copy(update=parts | {"effects": named})
+    resolved = table.model_copy(update=parts | {"effects": named, "front_end": front_end})
     on = resolve_effects(named, Setting.of(resolved, design, _no_rng), path)
     check_together(on, interface.topology, packet_v, path)
+    if front_end is not None and (
+        chip := [n for n in on if _of_chip(n)] + ["auto"] * (named.auto is not None)
+    ):
+        allowed = "off with [front_end]: its keys say what the board does; lateral, trace and sensor_* are the sheet's"
+        raise InputError(path, f"effects.{chip[0]}", "on", allowed)
     return Scene(path, resolved, on, design)
+
+
+def _of_chip(name: str) -> bool:
+    """Return True if an effect sets a field that a board does not have."""
+    effect = EFFECTS[name]
+    return bool(effect.converter or effect.drive or set(effect.network) - EFFECT_FIELDS)
 
 
 def _no_rng(name: str) -> Any:

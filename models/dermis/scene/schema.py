@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from pydantic.fields import FieldInfo
 
@@ -329,3 +330,41 @@ def _toml_value(value: Any) -> str:
         inner = ", ".join(f"{k} = {_toml_value(v)}" for k, v in value.items() if v is not None)
         return "{ " + inner + " }" if inner else "{}"
     raise TypeError(f"no TOML for {type(value).__name__}")
+
+
+def merged(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return tables with the keys of `changes`; a stimulus of another kind, and an effect, are
+    replaced whole.
+    """
+    made = dict(data)
+    for name, value in changes.items():
+        before = made.get(name)
+        both = isinstance(before, dict) and isinstance(value, dict)
+        other_kind = (
+            name == "stimulus" and both and value.get("kind", before.get("kind")) != before.get("kind")
+        )
+        made[name] = before | value if both and not other_kind else value
+    return {name: value for name, value in made.items() if value != {} or name in data}
+
+
+def plain(value: Any) -> Any:
+    """Convert to TOML types: numpy numbers, arrays, tuples and paths become numbers, lists and
+    text.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
+
+
+def empty(table: Mapping[str, Any]) -> str:
+    """Return the dotted name of the first key that holds None; empty if there is none."""
+    for key, value in table.items():
+        if value is None:
+            return key
+        if isinstance(value, Mapping) and (below := empty(value)):
+            return f"{key}.{below}"
+    return ""

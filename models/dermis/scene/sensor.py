@@ -286,6 +286,8 @@ def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -
     """
     from dermis.scene.sensor_loops import advance_creep  # numba takes 0.4 s to load
 
+    if not (0 <= t_frame_s < np.inf and 0 < start_s < np.inf):
+        raise ValueError("t_frame_s must be finite and 0 or above, start_s above 0")
     touched = loaded.any(axis=0)
     load, out = loaded[:, touched], np.zeros(loaded.shape)
     rate, weight = creep_rates(start_s, len(load) * t_frame_s)

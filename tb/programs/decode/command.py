@@ -25,7 +25,7 @@ from dermis.records import Plan
 from dermis.report import calibrate, read, verdict
 from dermis.scene import scene as scenes
 from dermis.skin import Skin
-from tb.programs.decode import files, kinds, published, session
+from tb.programs.decode import board, files, kinds, published, session
 
 Floats = NDArray[np.float64]
 
@@ -269,6 +269,54 @@ def recordings() -> list[verdict.Row]:
     ]
 
 
+def board_force() -> verdict.Row:
+    """Judge the forces of a simulated board with dividers, calibrated by a session of weights."""
+    errors, notes = [], []
+    for bits in (12, 10):
+        rng = np.random.default_rng([SEED, 2])
+        size = {
+            "rows": 16,
+            "cols": 32,
+            "bits": bits,
+            "lateral_ohm": 1e3,
+            "reference_v": 1.1,
+            "multiplexer_ohm": 4.0,
+        }
+        parts = 22.0 * (1 + 0.01 * rng.uniform(-1, 1, 32)), np.exp(0.1 * rng.standard_normal((16, 32)))
+        sheet = board.Board(divider_ohm=parts[0], factor=parts[1], **size)  # type: ignore[arg-type]
+        with tempfile.TemporaryDirectory() as held:
+            loads = board.rectangles(rng, np.geomspace(1.0, 12.0, 30), sheet.rows, sheet.cols)
+            known, _ = calibrate.session(sheet.session(Path(held), loads, 22.0, rng))
+        force = board.touches(rng, 60, sheet.rows, sheet.cols)
+        counts = sheet.counts(force, rng)
+        found = Decoder(known, 0.01).decode(counts)
+        off, before = (sheet.alone(f) - sheet.alone(force) for f in (found.force_n, sheet.force_of(counts)))
+        errors.append(rms(off))
+        notes.append(
+            f"{bits} bits {rms(off):.3g}, {rms(off[force > 0]):.3g} where pressed, {rms(before):.3g} uncorrected, "
+            f"{rms(found.force_n - force):.3g} N, {covered(found, force).mean():.4%} in their interval"
+        )
+    return verdict.judge("board.force_error", max(errors), "; ".join(notes))
+
+
+def many_sheets(seconds: Callable[[Callable[[], Any]], list[float]]) -> list[verdict.Row]:
+    """Sheets a second in one call, and the time of one frame; touches that move."""
+    rng, row, col = np.random.default_rng(0), *np.mgrid[:16, :16]
+    force = np.empty((4, 4096, 16, 16), np.float32)
+    start = rng.uniform(2, 13, (2, 4096, 1, 1))
+    for frame, place in zip(force, start + 0.3 * np.arange(4)[:, None, None, None, None], strict=True):
+        frame[:] = 8 * np.maximum(1 - ((row - place[0]) ** 2 + (col - place[1]) ** 2) / 16, 0)
+    effects: dict[str, Any] = {"row_driver": True, "column_offset": True}
+    out, rows = np.empty(force.shape[1:], np.uint8), []
+    for name, more in (("envs", ()), ("envs_memory", ("sensor_hysteresis", "sensor_creep"))):
+        skin = Skin(envs=4096, effects=effects | dict.fromkeys(more, True))
+        spent = seconds(lambda skin=skin: [skin.read(frame, out=out) for frame in force])  # type: ignore[misc]
+        rows.append(verdict.median(f"skin.{name}_frames_per_s", [4 * 4096 / t for t in spent], "frames/s"))
+    one, single = Skin("single_touch"), force[0, 0].astype(float)
+    spent = seconds(lambda: [one.read(single) for _ in range(500)])
+    return [*rows, verdict.median("skin.read_us", [t / 500 * 1e6 for t in spent], "us", "with column inputs")]
+
+
 def rates() -> list[verdict.Row]:
     """Frames a second of one core, by processor time."""
     force = np.random.default_rng(0).uniform(0, 10, (3000, 16, 16))
@@ -294,6 +342,7 @@ def rates() -> list[verdict.Row]:
         verdict.median("skin.read_frames_per_s", [len(codes) / t for t in reading], "frames/s"),
         verdict.median("skin.decode_frames_per_s", [len(codes) / t for t in decoding], "frames/s", crosstalk),
         verdict.median("skin.decode_one_frame_s", [t / 200 for t in single], "s", "one call a frame"),
+        *many_sheets(seconds),
     ]
 
 
@@ -302,7 +351,8 @@ def decode_command() -> int:
     """Decoding against truth: solver, tables, hysteresis, intervals, rates; a figure in build/decode."""
     from tb.programs.decode import figures
 
-    rows = [noise_free(), *tables(), worn(), hysteresis(), coverage_row(), *recordings(), *rates()]
+    rows = [noise_free(), *tables(), worn(), hysteresis(), coverage_row(), *recordings(), board_force()]
+    rows += rates()
     figures.error_maps(BUILD / "decode" / "decode_error_maps.png")
     verdict.write_rows("decode", rows)
     verdict.print_rows(rows, "codes to newtons")

@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Boards with dividers or amplifiers and an ADC: counts of an independent nodal solve come back as forces."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from tomli_w import dumps
+
+import dermis
+from dermis.array.array import Network, column_currents
+from dermis.decode import calibration, crosstalk
+from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Decoder, Forces
+from dermis.errors import InputError
+from dermis.report import calibrate, read, verdict
+from dermis.skin import Skin
+from tb.programs.decode.board import Board, rectangles, touches
+
+ROWS, COLS = 6, 8
+
+
+@pytest.fixture(autouse=True)
+def _rows_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verdict, "write_rows", lambda *_: None)
+
+
+def run_read(folder: Path, counts: np.ndarray, *arguments: str) -> tuple[int, Any, list[str]]:
+    """Read counts by the command; return its exit code, forces with their ends, and the verdicts that failed."""
+    np.save(folder / "counts.npy", counts)
+    said = [
+        str(folder / "counts.npy"),
+        "--unit",
+        "codes",
+        "--rate",
+        "100",
+        *arguments,
+        "--out",
+        str(folder / "out"),
+    ]
+    done = CliRunner().invoke(read.read_command, said, standalone_mode=False)
+    if done.exception is not None:
+        raise done.exception
+    names = ("forces_n", "forces_low_n", "forces_high_n")
+    arrays = Forces(*(np.load(folder / "out" / f"{name}.npy") for name in names), np.empty(0, np.uint8))
+    verdicts = json.loads((folder / "out" / "summary.json").read_text())["verdicts"]
+    return done.return_value, arrays, [row["name"] for row in verdicts if row["status"] == "FAIL"]
+
+
+def inside(found: Any, force: np.ndarray) -> np.ndarray:
+    """Return True where a force lies in its interval."""
+    # Forces on the edge of an interval round by some 1e-15 either way.
+    return (found.low_n <= force * (1 + 1e-9)) & (force <= found.high_n * (1 + 1e-9))
+
+
+def board(**changes: Any) -> Board:
+    """A board of 12 bits with exact dividers and equal taxels."""
+    given: dict[str, Any] = {
+        "rows": ROWS, "cols": COLS, "bits": 12, "divider_ohm": np.full(COLS, 200.0), "lateral_ohm": 2e3,
+        "factor": np.ones((ROWS, COLS)), "multiplexer_ohm": 5.0,
+    }  # fmt: skip
+    return Board(**given | changes)
+
+
+def scene(made: Board, **front_end: Any) -> dict[str, Any]:
+    """Its scene with everything known."""
+    data = made.scene(200.0)
+    data["front_end"] |= {"multiplexer_ohm": made.multiplexer_ohm, **front_end}
+    return data | {"effects": {"lateral": {"r_ohm": made.lateral_ohm}}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "median_n"),
+    [
+        ({}, 0.2),
+        ({"side": "supply"}, 0.2),
+        ({"reference_v": 1.1}, 0.2),
+        ({"multiplexer_ohm": 0.0}, 0.2),
+        ({"divider_ohm": np.full(COLS, 5e3), "lateral_ohm": 1e9}, 3.0),
+        ({"idle_rows": "open", "lateral_ohm": 1e9}, np.inf),
+    ],
+)
+def test_counts_of_a_dense_nodal_solve_are_those_of_a_skin_and_come_back(
+    changes: dict[str, Any], median_n: float
+) -> None:
+    made, rng = board(**changes), np.random.default_rng(2)
+    force = np.concatenate([touches(rng, 10, ROWS, COLS), rng.uniform(0, 12, (4, ROWS, COLS))])
+    counts = made.counts(force, rng)
+    skin = Skin(scene(made, resistor_ohm=made.divider_ohm.tolist()))
+    assert np.array_equal(skin.read(force), counts)
+    found = skin.decode(counts)
+    assert not (found.flags & UNSOLVED).any()
+    assert inside(found, force).all()
+    assert np.median(found.high_n - found.low_n) < median_n
+    # Without the decoder a taxel's force is wrong by far more.
+    error, before = (np.sqrt(np.mean((f - force) ** 2)) for f in (found.force_n, made.force_of(counts)))
+    assert error < before / 5
+
+
+@pytest.mark.parametrize("side", ["ground", "supply"])
+def test_a_session_calibrates_a_board_and_the_command_reads_its_counts(tmp_path: Path, side: str) -> None:
+    rng = np.random.default_rng(5)
+    parts = {"divider_ohm": 200 * (1 + 0.01 * rng.uniform(-1, 1, COLS)), "side": side, "noise_counts": 0.3}
+    made = board(factor=np.exp(0.1 * rng.standard_normal((ROWS, COLS))), **parts)
+    session = made.session(tmp_path, rectangles(rng, np.geomspace(1, 12, 25), ROWS, COLS), 200.0, rng)
+    known, _ = calibrate.session(session)
+    known.save(tmp_path / "sheet.toml")
+    again = calibration.load(tmp_path / "sheet.toml")
+    assert (again.falling, again.divider, again.code_max) == (side == "supply", True, 4095)
+    # Four readings of a count each.
+    assert again.noise_code == pytest.approx(0.3, rel=0.2)
+    force = touches(rng, 12, ROWS, COLS)
+    code, found, _ = run_read(
+        tmp_path, made.counts(force, rng), "--calibration", str(tmp_path / "sheet.toml")
+    )
+    assert code == 0
+    off = made.alone(found.force_n) - made.alone(force)
+    # Rounding and noise of a count; laterals of 0.6 of the dividers make them 2.4 times as large, a quarter is the fit.
+    assert np.sqrt(np.mean(off**2)) < 1.25 * np.hypot(1 / np.sqrt(12), 0.3) * np.hypot(2.2, 0.6 * np.sqrt(2))
+    assert inside(found, force).mean() > 0.999
+
+
+def test_an_amplifier_reads_both_ways_and_an_adc_may_round_down() -> None:
+    force = touches(np.random.default_rng(3), 5, ROWS, COLS)
+    amplifier = {"circuit": "transimpedance", "resistor_ohm": 500.0, "full_scale": 1023, "supply_v": 1.0}
+    common = {"reference_v": 3.3, "idle_rows": "held"}
+    volts = 500.0 * force / 7500.0 * 1024 / 3.3  # columns at one level, drivers of no resistance
+    for counts, zero in (("rise", 100.0), ("fall", 900.0)):
+        sign = 1 if counts == "rise" else -1
+        made = {"front_end": amplifier | common | {"counts": counts, "zero_count": zero}}
+        skin = Skin({"array": {"rows": ROWS, "cols": COLS}, "sensor": {"k_force_n_ohm": 7500.0}} | made)
+        assert np.array_equal(skin.read(force), np.clip(np.floor(zero + sign * volts + 0.5), 0, 1023))
+        # Half a count is 3.3 / 1024 / 500 / 2 / 1 V x 7500 N ohm = 0.024 N, and the zero is half a count off.
+        assert skin.decode(skin.read(force)).force_n == pytest.approx(force, abs=0.06)
+        assert (skin.decode(np.full((ROWS, COLS), int(zero))).flags & ZERO).all()
+    for side in ("ground", "supply"):
+        made = board(side=side, lateral_ohm=1e9, multiplexer_ohm=0.0)
+        skin = Skin(scene(made, rounding="down"))
+        part = np.array([made.column_volts(frame) for frame in force]) * (4096 / 3.3)
+        counts = np.clip(np.floor(part if side == "ground" else 4096 - part), 0, 4095).astype(int)
+        found = skin.decode(counts)
+        assert inside(found, force).all()
+        # Rounding leaves a quarter of a count in the middle; the other way round it would be three quarters.
+        assert np.abs((made.alone(found.force_n) - made.alone(force))[counts % 4095 > 0]).mean() < 0.5
+
+
+def test_newton_finds_what_the_sweeps_find() -> None:
+    rng = np.random.default_rng(4)
+    g = rng.uniform(0, 12, (5, ROWS, COLS)) / 7500 * (rng.random((5, ROWS, COLS)) < 0.6)
+    for r_column, lateral in ((1e3, 0.0), (100.0, 1e-3)):
+        network = Network(g[0], 3.3, 10.0, 10.0, r_column, g_lateral_row_s=lateral)  # type: ignore[arg-type]
+        currents = column_currents(network, g)
+        swept = crosstalk.solve(network, currents)
+        assert swept.converged.all()
+        for n, frame in enumerate(currents):
+            found, off = crosstalk._newton(network, frame, np.full(frame.shape, np.inf))
+            # HEAVY_TOLERANCE of the currents; 100 times that where a column's sum has its taxels' errors.
+            assert off < 1e-9
+            # As above.
+            assert np.abs(found - swept.conductance_s[n]).max() < 1e-7 * g.max()
+            # As above: currents are exact.
+            assert np.abs(found - g[n]).max() < 1e-7 * g.max()
+
+
+GOOD = board().scene(200.0)["front_end"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"side": None}, "front_end.side"),
+        ({"idle_rows": None}, "front_end.idle_rows"),
+        ({"resistor_ohm": [1.0, 2.0]}, "front_end.resistor_ohm"),
+        ({"resistor_ohm": -5.0}, "front_end.resistor_ohm"),
+        ({"full_scale": 0}, "front_end.full_scale"),
+        ({"supply_v": float("nan")}, "front_end.supply_v"),
+        ({"idle_columns": "open"}, "front_end.idle_columns"),
+        ({"zero_count": 3.0}, "front_end.zero_count"),
+        ({"circuit": "transimpedance", "side": None}, "front_end.zero_count"),
+        ({"side": "supply", "reference_v": 1.1}, "front_end.reference_v"),
+        ({"gain": 2.0}, "front_end.gain"),
+    ],
+)
+def test_a_board_that_is_not_understood_is_asked_about(changes: dict[str, Any], key: str) -> None:
+    table = {name: value for name, value in (GOOD | changes).items() if value is not None}
+    with pytest.raises(InputError, match=key):
+        Skin({"array": {"rows": ROWS, "cols": COLS}, "front_end": table})
+
+
+@pytest.mark.parametrize(
+    ("tables", "key"),
+    [
+        ({"interface": {"k": 80}}, "interface.k"),
+        ({"effects": {"row_driver": True}}, "effects.row_driver"),
+        ({"effects": {"mirror_ratio": True}}, "effects.mirror_ratio"),
+        ({"effects": {"auto": {}}}, "effects"),
+    ],
+)
+def test_parts_of_the_chip_are_refused_beside_a_board(tables: dict[str, Any], key: str) -> None:
+    with pytest.raises(InputError, match=key):
+        Skin({"front_end": GOOD, **tables})
+
+
+def test_no_engine_of_the_chip_runs_a_board() -> None:
+    with pytest.raises(InputError, match="front_end"):
+        dermis.simulate({"front_end": GOOD}, force_n=np.zeros((16, 16)))
+
+
+def test_a_calibration_of_another_read_out_is_not_read_with() -> None:
+    own = Skin(scene(board())).decoder.calibration
+    skin = Skin(array={"rows": ROWS, "cols": COLS}, calibration=own)
+    assert skin.decode(np.zeros((ROWS, COLS), int)).flags.all()
+    with pytest.raises(InputError, match="another"):
+        skin.read(np.zeros((ROWS, COLS)))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"side": "supply"}, "read.saturated_share"),
+        ({"full_scale": 127}, "0..127"),
+        ({"resistor_ohm": 2.0, "r_min_ohm": 100.0}, "read.saturated_share"),
+    ],
+)
+def test_a_wrong_board_is_not_read_in_silence(tmp_path: Path, wrong: dict[str, Any], said: str) -> None:
+    """The divider on the other side, the full scale of another ADC, another divider."""
+    made, rng = board(), np.random.default_rng(6)
+    (tmp_path / "board.toml").write_text(dumps(scene(made, **wrong)))
+    counts = made.counts(touches(rng, 10, ROWS, COLS), rng)
+    if said.startswith("read"):
+        code, _, failed = run_read(tmp_path, counts, "--scene", str(tmp_path / "board.toml"))
+        assert (code, said in failed) == (1, True)
+    else:
+        with pytest.raises(InputError, match=said):
+            run_read(tmp_path, counts, "--scene", str(tmp_path / "board.toml"))
+
+
+@pytest.mark.parametrize("side", ["ground", "supply"])
+def test_counts_at_both_ends_and_missing_ones(tmp_path: Path, side: str) -> None:
+    made, rng = board(side=side), np.random.default_rng(7)
+    force = touches(rng, 11, ROWS, COLS)
+    counts = made.counts(force, rng).astype(float)
+    skin = Skin(scene(made))
+    none, full = (0, made.most) if side == "ground" else (made.most, 0)
+    assert (skin.decode(np.full((ROWS, COLS), none)).flags == ZERO).all()
+    ends = skin.decode(np.full((ROWS, COLS), full))
+    assert ((ends.flags & SATURATED) > 0).all()
+    assert np.isinf(ends.high_n).all()
+    counts[3, 2, 4] = np.nan
+    (tmp_path / "board.toml").write_text(dumps(scene(made)))
+    code, found, _ = run_read(tmp_path, counts, "--scene", str(tmp_path / "board.toml"))
+    assert code == 0
+    assert np.isnan(found.force_n[3, 2, 4])
+    assert np.isinf(found.high_n[3, 2, 4])
+    assert inside(found, force).all()
+    with pytest.raises(ValueError, match="codes must be"):
+        Decoder(skin.decoder.calibration, 0.01).decode(np.full((ROWS, COLS), made.most + 1))
