@@ -14,11 +14,12 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import dermis
 from dermis.chip import spice_text
 from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.scene import design as dd
-from scripts import generate
+from scripts import first_picture, generate
 
 GENERATED = (
     "rtl/dermis_design.vh",
@@ -28,6 +29,7 @@ GENERATED = (
     "rtl/dermis_registers.v",
     "rtl/dermis_registers.h",
     "models/dermis/chip/register_map.py",
+    "docs/figures/fingertip.svg",
     "rtl/synth/dermis.sdc",
     "rtl/harden/config.json",
     "docs/numbers.md",
@@ -52,6 +54,12 @@ def test_the_tree_is_up_to_date() -> None:
     assert tuple(generate.generate_all()) == GENERATED
 
 
+def test_the_first_picture_shows_the_codes_of_the_verilog() -> None:
+    codes = [dermis.simulate(first_picture.SCENE, engine=engine).codes for engine in ("closed", "rtl")]
+    assert codes[0].any()
+    assert (codes[0] == codes[1]).all()
+
+
 @pytest.mark.long
 @pytest.mark.paper
 @pytest.mark.parametrize(
@@ -64,6 +72,7 @@ def test_the_tree_is_up_to_date() -> None:
         ("docs/numbers.md", "| `timing.settle_clocks` | 115 |", "| `timing.settle_clocks` | 113 |"),
         ("docs/effects.md", "`Network.r_column_ohm`", "`Network.r_row_ohm`"),
         ("docs/scenes.md", "In series with every grounded row", "In series with every other row"),
+        ("docs/figures/fingertip.svg", "at most 0.03 N", "at most 0.00 N"),
         ("docs/registers.md", "| 04 | `SETTLE` |", "| 05 | `SETTLE` |"),
         ("rtl/dermis_registers.v", "address_i == 8'h05", "address_i == 8'h06"),
         ("models/dermis/chip/register_map.py", "GATE = 0x05", "GATE = 0x06"),
