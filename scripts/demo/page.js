@@ -750,6 +750,7 @@ for (let c = 0; c < COLS; c++) {
   $("columns").append(label);
 }
 $("build").textContent = DESIGN.build;
+document.body.classList.toggle("inside", window.top !== window); // the page around it says what this is
 for (const panel of document.querySelectorAll(".panel:has(.what)")) panel.querySelector(".what").textContent = WHAT[panel.dataset.what];
 window.addEventListener("hashchange", () => {
   follow(location.hash);
