@@ -63,8 +63,8 @@ def design_table(design: Design, root: Path) -> str:
     )
     derived = ((f"`{key}`", f"{value:.9g}") for key, value in design.derived().items())
     tables = (
-        markdown.table(("value", "", "from", "reason"), stored),
-        markdown.table(("derived", ""), derived),
+        markdown.table(("name", "value", "from", "reason"), stored),
+        markdown.table(("derived", "value"), derived),
     )
     return "\n\n".join(tables)
 
