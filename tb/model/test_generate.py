@@ -170,7 +170,7 @@ def test_ngspice_reads_every_parameter_as_design_toml_has_it(tmp_path: Path) -> 
             want |= {f"{name.removesuffix('_options')}_{i}": v for i, v in enumerate(value)}
         elif not isinstance(value, str):
             want[name] = value
-    lines = [f".include {dd.ROOT / 'spice/design.inc'}"]
+    lines = [f'.include "{dd.ROOT}/spice/design.inc"']
     # as a voltage: a number of any size comes back to 15 digits
     lines += [f"v{i} n{i} 0 {{{name}}}" for i, name in enumerate(want)]
     got = spice_op(tmp_path, "\n".join(lines), *(f"v(n{i})" for i in range(len(want))))
@@ -184,7 +184,7 @@ def test_ngspice_reads_every_parameter_as_design_toml_has_it(tmp_path: Path) -> 
 @pytest.mark.parametrize("subckt", ["array", "array_lateral"])
 def test_each_taxel_of_the_array_file_is_its_own_parameter(tmp_path: Path, subckt: str) -> None:
     pins = " ".join(["row3" if r == 3 else "0" for r in range(16)] + [f"col{c}" for c in range(16)])
-    lines = [f".include {dd.ROOT / 'spice/array/array.sp'}", "vrow row3 0 1"]
+    lines = [f'.include "{dd.ROOT}/spice/array/array.sp"', "vrow row3 0 1"]
     lines += [f"xarray {pins} {subckt} r_r3c4_ohm=500 r_r4c3_ohm=700"]
     lines += [f"vc{c} col{c} 0 0" for c in range(16)]
     got = spice_op(tmp_path, "\n".join(lines), *(f"i(vc{c})" for c in range(16)))
@@ -202,7 +202,7 @@ def test_lateral_resistors_join_neighbouring_columns_of_every_row(
     lift = " ".join(f"r_r{r}c{c}_ohm=1e15" for r in range(16) for c in range(16))
     pins = " ".join(["0"] * 16 + [f"col{c}" for c in range(16)])
     lateral = " r_lateral_ohm=1600" if coupled else ""
-    lines = [f".include {dd.ROOT / 'spice/array/array.sp'}", f"xarray {pins} {subckt} {lift}{lateral}"]
+    lines = [f'.include "{dd.ROOT}/spice/array/array.sp"', f"xarray {pins} {subckt} {lift}{lateral}"]
     lines += ["vdrive col0 0 1", "vend col15 0 0"]
     got = spice_op(tmp_path, "\n".join(lines), "i(vend)", "v(col6)")
     # 16 rows of 1600 ohm in parallel are 100 ohm a step, 15 steps from end to end
