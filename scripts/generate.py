@@ -22,7 +22,7 @@ from dermis.report import verdict
 from dermis.scene import design as design_module
 from dermis.scene import scene
 from dermis.scene.design import ROOT, Design, Limit, exact
-from scripts import calculator, effect_tables, markdown, register_files, templates
+from scripts import calculator, effect_tables, first_picture, markdown, register_files, templates
 from scripts.judged import finish
 
 ORIGIN = "Generated from models/design.toml; change it there and run: dermis generate"
@@ -63,8 +63,8 @@ def design_table(design: Design, root: Path) -> str:
     )
     derived = ((f"`{key}`", f"{value:.9g}") for key, value in design.derived().items())
     tables = (
-        markdown.table(("value", "", "from", "reason"), stored),
-        markdown.table(("derived", ""), derived),
+        markdown.table(("name", "value", "from", "reason"), stored),
+        markdown.table(("derived", "value"), derived),
     )
     return "\n\n".join(tables)
 
@@ -164,7 +164,9 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
     """
     design = design_module.load(root / "models" / "design.toml")
     period_ns = float(10**9 / exact(design.converter.f_clk_hz))
-    files = filled(design) | register_files.files(design, root)
+    files = (
+        filled(design) | register_files.files(design, root) | {first_picture.PATH: first_picture.svg(design)}
+    )
     for path in (*PERIODS, *TABLES):
         text = _read(root / path)
         if text is None:

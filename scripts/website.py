@@ -201,11 +201,11 @@ def demo_page(source: Path) -> None:
         demo.build(source / "chip.html")
         shown = (
             '<iframe src="chip.html" title="The chip in this page: press the skin" '
-            'style="width: 100%; height: 46rem; border: 1px solid #8888; border-radius: 10px"></iframe>'
+            'style="width: 100%; height: 40rem; border: 1px solid #8888; border-radius: 10px"></iframe>'
         )
     for page in (source / "index.md", source / "demo.md"):
         text = markdown.filled(page.read_text(encoding="utf-8"), {DEMO_MARK: shown}, page.name)
-        page.write_text(text, encoding="utf-8")
+        page.write_text(f"---\nhide: [toc]\n---\n\n{text}", encoding="utf-8")  # more room for the demo
 
 
 SHEET_SCALE = 1.25

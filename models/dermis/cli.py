@@ -20,7 +20,7 @@ from typing import Any
 import click
 
 from dermis import __version__
-from dermis.errors import DermisError, InputError, SimulatorError, one_line
+from dermis.errors import DermisError, InputError, SimulatorError, counted, one_line
 from dermis.places import BUILD, ROOT
 from dermis.processes import children
 
@@ -200,8 +200,7 @@ def run(
     elif made.on and made.engine in ("closed", "event"):
         plan_table.print_answer(made)
     title = one_line(made.scene.table.title) or path.stem
-    frames = "1 frame" if made.frames == 1 else f"{made.frames} frames"
-    verdict.print_rows(rows, f"{title} ({made.engine}, {frames})")
+    verdict.print_rows(rows, f"{title} ({made.engine}, {counted(made.frames, 'frame')})")
     click.echo(f"codes, figure, summary and the resolved scene are in {one_line(str(where), 400)}")
     return verdict.exit_code(rows)
 

@@ -37,6 +37,12 @@ def quoted(value: Any) -> Any:
     return f'"{one_line(value)}"' if isinstance(value, str) else value
 
 
+def counted(number: int, noun: str, total: int | None = None) -> str:
+    """Return a number with its noun: "1 frame", "3 frames", or "3 of 8 frames" for a part of a total."""
+    part = "" if total in (None, number) else f"of {total} "
+    return f"{number} {part}{noun}{'' if (total or number) == 1 else 's'}"
+
+
 class DermisError(Exception):
     """A run that ends with a message instead of a result."""
 
@@ -114,7 +120,7 @@ def package_directory(package: str, inside: str, remedy: str) -> Path:
     spec = importlib.util.find_spec(package)
     for place in (spec.submodule_search_locations or []) if spec is not None else []:
         if (Path(place) / inside).exists():
-            return Path(place)
+            return Path(place).resolve()  # .venv is a link if its path has a space
     raise InputError("environment", package, "not found", remedy)
 
 

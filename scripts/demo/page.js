@@ -51,8 +51,38 @@ const sliders = ["row_ohm", "column_ohm", "lateral", "offset", "mismatch", "nois
 const zeros = Object.fromEntries(sliders.map((name) => [name, 0]));
 const presets = {
   ideal: zeros,
-  typical: {...zeros, row_ohm: 1, column_ohm: 0.5, lateral: 10, offset: 0.2, mismatch: 1, noise: 0, flicker: 0},
-  harsh: {row_ohm: 10, column_ohm: 5, lateral: 30, offset: 1, mismatch: 3, noise: 200, flicker: 0.5},
+  typical: {...zeros, row_ohm: 1, column_ohm: 0.5, lateral: 10, offset: 0.2, mismatch: 1},
+  harsh: {...zeros, row_ohm: 10, column_ohm: 5, lateral: 20, offset: 0.2, mismatch: 3},
+};
+
+// What each setting does, in words; shown in its panel while it has the focus or the pointer.
+const WHAT = {
+  ideal: "No loss in the wiring: every code is that of its own taxel.",
+  typical: "1 Ω row drivers, 0.5 Ω columns, small offsets and mismatch: a careful board.",
+  harsh: "10 Ω row drivers, 5 Ω columns: loaded rows sag, columns of offset and gain appear.",
+  corrected: "From codes and known wiring the host solves for every taxel. Left as read, right corrected.",
+  shape: "The body that presses. Shift and a click add one more; their forces add.",
+  force: "Force on the taxel at the peak. 15 N is code 255; more stays at 255.",
+  width: "Extent along a row, before the turn. Wide bodies draw more current from a row.",
+  length: "Extent along a column, before the turn. Long bodies load more taxels of it.",
+  angle: "Turns the body. A ridge along a row loses more than one across the rows.",
+  keep: "Without the tick a touch presses as long as it lasts, as a finger does.",
+  row_ohm: "In series with a row, whose whole current passes it: loaded rows read low.",
+  column_ohm: "Before a converter: its column leaves 0 V, and current leaks to other rows.",
+  lateral: "Conduction between neighbours: matters once columns differ in voltage.",
+  offset: "Input voltage of each column: drives a current through all its taxels.",
+  mismatch: "Spread of the mirrors: each column has its own gain, seen as stripes.",
+  noise: "Noise of the comparators. One packet is 1 V: codes near a step move.",
+  flicker: "Slow noise of the reference: all columns of a row wander together.",
+  mode: "Slow shows single clocks, Chip is the rate of the silicon, Full that of the browser.",
+  slow: "Clocks a second in slow motion. The row being read has an orange frame.",
+  step: "Stops the chip and advances it by one clock, one row or one frame.",
+  view: "Length of the waveforms, from where the gate of the pressed row opens.",
+  columns: "One converter a column. The smaller the force, the rarer its charge pulses.",
+  unit: "Newtons press the skin; codes stand for the resistance that gives them.",
+  file: "One frame of the file for each frame of the chip, 500 a second.",
+  link: "The address holds bodies, wiring and seed: all who open it see the same codes.",
+  toml: "dermis run answers this file with the same codes, noise included.",
 };
 
 const value = (id) => Number($(id).value);
@@ -103,9 +133,19 @@ function send(fresh = false) {
 
 function changed() {
   for (const id of ["force", "width", "length", "angle", "slow", "at", ...sliders]) say(id);
+  compare();
   send();
   if (recording) return;
   history.replaceState(null, "", link());
+}
+
+// The corrected map beside the one as read, and the preset that the sliders are at.
+function compare() {
+  const on = $("corrected").checked, at = Object.keys(presets).find((id) => sliders.every((name) => value(name) === presets[id][name]));
+  document.querySelector("main").classList.toggle("compare", on);
+  for (const id of ["fixed", "before", "after"]) $(id).hidden = !on;
+  for (const id of Object.keys(presets)) $(id).setAttribute("aria-pressed", id === at);
+  $("story").textContent = on ? WHAT.corrected : WHAT[at] || "A wiring of your own, from the sliders below.";
 }
 
 const units = {
@@ -314,13 +354,13 @@ function ramp() {
   $("scale-high").textContent = high;
 }
 
-function drawSheet(truth) {
-  const [pen, width] = fit(sheet), cell = width / COLS, kind = shown(), {codes} = state.latest;
+function drawMap(canvas, truth, force) {
+  const [pen, width] = fit(canvas), cell = width / COLS, kind = shown(), {codes} = state.latest, texts = [];
   pen.textAlign = "center";
   pen.textBaseline = "middle";
-  pen.font = `${Math.max(8, Math.min(13, cell * 0.36))}px system-ui, "DejaVu Sans", sans-serif`;
+  pen.font = `${Math.max(9.5, Math.min(13, cell * 0.36))}px system-ui, "DejaVu Sans", sans-serif`;
   for (let i = 0; i < CELLS; i++) {
-    const x = i % COLS * cell, y = Math.floor(i / COLS) * cell, newtons = state.force[i], off = newtons - Math.min(truth[i], DESIGN.force_max_n);
+    const x = i % COLS * cell, y = Math.floor(i / COLS) * cell, newtons = force[i], off = newtons - Math.min(truth[i], DESIGN.force_max_n);
     const paint = kind === "error" ? colour(DIVERGING, 0.5 + off / 4)
       : colour(VIRIDIS, kind === "codes" ? codes[i] / DESIGN.code_max : newtons / DESIGN.force_max_n);
     pen.fillStyle = `rgb(${paint})`;
@@ -328,15 +368,45 @@ function drawSheet(truth) {
     if (cell < 20) continue;
     const text = kind === "codes" ? codes[i] || "" : kind === "newtons" ? (newtons >= 0.05 ? newtons.toFixed(1) : "")
       : Math.abs(off) >= 0.05 ? off.toFixed(1) : "";
-    pen.fillStyle = light(paint) > 0.22 ? "#000000" : "#ffffff";
-    pen.fillText(text, x + cell / 2, y + cell / 2 + 0.5);
+    if (text) texts.push([text, x + cell / 2, y + cell / 2 + 0.5, paint]);
   }
-  const row = state.row;
+  outlines(pen, cell, kind === "error");
+  // Each number has a border of its taxel's colour, so that no outline runs through it.
+  pen.lineWidth = 5;
+  pen.lineJoin = "round";
+  for (const [text, x, y, paint] of texts) {
+    pen.strokeStyle = `rgb(${paint})`;
+    pen.strokeText(text, x, y);
+    pen.fillStyle = light(paint) > 0.18 ? "#000000" : "#ffffff";
+    pen.fillText(text, x, y);
+  }
+  return [pen, width, cell];
+}
+
+const worst = (truth, force) => force.reduce((most, newtons, i) =>
+  truth[i] <= DESIGN.force_max_n ? Math.max(most, Math.abs(newtons - truth[i])) : most, 0);
+
+function drawSheet(truth) {
+  const corrected = $("corrected").checked, [pen, width, cell] = drawMap(sheet, truth, state.read), {row} = state;
+  if (corrected) {
+    drawMap($("fixed"), truth, state.force);
+    $("before").textContent = `As read: at most ${worst(truth, state.read).toFixed(2)} N off`;
+    $("after").textContent = `Corrected: at most ${worst(truth, state.force).toFixed(2)} N off`;
+  }
   if (modeNow() === "pause" || modeNow() === "slow") {
     pen.strokeStyle = "#ff7b1c";
     pen.lineWidth = 3;
     if (row >= 0) pen.strokeRect(1.5, row * cell + 1.5, width - 3, cell - 3);
   }
+  pen.strokeStyle = shown() === "error" ? "#14181f" : "#ffffff";
+  pen.lineWidth = 2;
+  pen.strokeRect(probe.col * cell + 1, probe.row * cell + 1, cell - 2, cell - 2);
+  const i = probe.row * COLS + probe.col, {codes} = state.latest;
+  $("probe").textContent = `Row ${probe.row}, column ${probe.col}: code ${codes[i]}, ${state.read[i].toFixed(2)} N read, `
+    + `${corrected ? `${state.force[i].toFixed(2)} N corrected, ` : ""}${truth[i].toFixed(2)} N there`;
+}
+
+function outlines(pen, cell, dark) {
   pen.lineWidth = 2;
   pen.setLineDash([5, 4]);
   if (!recording) bodies.forEach((body, n) => {
@@ -347,24 +417,18 @@ function drawSheet(truth) {
     pen.beginPath();
     if (body.shape === "spherical" || body.shape === "round") pen.ellipse(0, 0, w, l, 0, 0, 7);
     else pen.rect(-w, -l, 2 * w, 2 * l);
-    pen.strokeStyle = n === selected ? "#ffffff" : "#c8c8c8";
+    pen.strokeStyle = dark ? "#14181f" : n === selected ? "#ffffff" : "#c8c8c8";
     pen.stroke();
     pen.restore();
   });
   pen.setLineDash([]);
-  pen.strokeStyle = "#ffffff";
-  pen.lineWidth = 2;
-  pen.strokeRect(probe.col * cell + 1, probe.row * cell + 1, cell - 2, cell - 2);
-  const i = probe.row * COLS + probe.col;
-  $("probe").textContent = `Row ${probe.row}, column ${probe.col}: code ${codes[i]}, `
-    + `${state.force[i].toFixed(2)} N read, ${truth[i].toFixed(2)} N there`;
 }
 
 const chosen = () => [...document.querySelectorAll("#columns input:checked")].map((box) => Number(box.value));
 
 function drawWaves() {
   const [pen, width, height] = fit(waves), {trace} = state, n = trace.comp.length, columns = chosen();
-  const left = 46, right = 8, top = 18, plot = width - left - right, x = (i) => left + plot * i / Math.max(1, n - 1);
+  const left = 54, right = 8, top = 18, plot = width - left - right, x = (i) => left + plot * i / Math.max(1, n - 1);
   pen.font = '12px system-ui, "DejaVu Sans", sans-serif';
   pen.textBaseline = "middle";
   // The scan: which row is driven, and where the gate is open.
@@ -398,9 +462,8 @@ function drawWaves() {
     pen.stroke();
     pen.textAlign = "left";
     pen.fillStyle = colours.ink;
-    pen.fillText(`col`, 4, y0 + 14);
-    pen.font = 'bold 17px system-ui, "DejaVu Sans", sans-serif';
-    pen.fillText(`${column}`, 4, y0 + 32);
+    pen.font = 'bold 13px system-ui, "DejaVu Sans", sans-serif';
+    pen.fillText(`col ${column}`, 2, y0 + 9);
     pen.font = '12px system-ui, "DejaVu Sans", sans-serif';
     pen.textAlign = "right";
     pen.fillStyle = colours.soft;
@@ -440,15 +503,18 @@ function drawBytes() {
   bytesDrawn = now;
   const {bytes, good, number, crc, found} = state.latest;
   const hex = (from, to) => [...bytes.subarray(from, to)].map((byte) => byte.toString(16).padStart(2, "0").toUpperCase()).join(" ");
-  const overflow = 1 + COLS * (DESIGN.code_max > 255 ? 2 : 1), slot = overflow + Math.ceil(COLS / 8), lines = [];
-  lines.push(`<b>token, length  </b>${hex(0, 3)}   <b>header: format, flags, number, columns, bits, gate  </b>${hex(3, 11)}`);
+  const each = DESIGN.code_max > 255 ? 2 : 1, overflow = 1 + COLS * each, slot = overflow + Math.ceil(COLS / 8);
+  const line = (...parts) => `<p>${parts.map(([tag, text]) => `<${tag}>${text}</${tag}>`).join("")}</p>`;
+  const lines = [line(["b", "token"], ["span", hex(0, 1)], ["b", "length"], ["span", hex(1, 3)],
+    ["b", "format, flags, number, columns, bits, gate"], ["span", hex(3, 11)])];
   for (let r = 0; r < ROWS; r++) {
-    const at = 11 + r * slot;
-    lines.push(`<b>row</b> ${hex(at, at + 1)}  <i>${hex(at + 1, at + overflow)}</i>  <b>overflow</b> ${hex(at + overflow, at + slot)}`);
+    const at = 11 + r * slot, parts = [];
+    for (let from = at + 1; from < at + overflow; from += 8) parts.push(["i", hex(from, Math.min(from + 8, at + overflow))]);
+    lines.push(line(["b", `row ${hex(at, at + 1)}`], ...parts, ["b", "overflow"], ["span", hex(at + overflow, at + slot)]));
   }
   const end = 11 + ROWS * slot, four = (n) => n.toString(16).padStart(4, "0").toUpperCase();
-  lines.push(`<b>CRC-16  </b>${hex(end, end + 2)}   <b>computed here  </b>${four(crc)}`);
-  $("bytes").innerHTML = lines.join("\n");
+  lines.push(line(["b", "CRC-16"], ["span", hex(end, end + 2)], ["b", "computed here"], ["span", four(crc)]));
+  $("bytes").innerHTML = lines.join("");
   $("verdict").textContent = good ? `frame ${number}: CRC ${four(found)} is right` : `frame ${number}: CRC is wrong`;
   $("verdict").className = good ? "badge good" : "badge bad";
 }
@@ -469,14 +535,14 @@ function paint() {
   drawSheet(truth);
   drawWaves();
   drawBytes();
-  let worst = 0;
-  for (let i = 0; i < CELLS; i++)
-    if (truth[i] <= DESIGN.force_max_n) worst = Math.max(worst, Math.abs(state.force[i] - truth[i]));
-  $("error").textContent = `${worst.toFixed(2)} N`;
+  // Rounding alone costs half a code.
+  const most = worst(truth, state.force);
+  $("error").textContent = `${most.toFixed(2)} N`;
+  $("error").className = most <= DESIGN.force_max_n / DESIGN.code_max ? "good" : "bad";
   $("rate").textContent = modeNow() === "pause" ? "paused" : modeNow() === "slow" ? "slow" : Math.round(state.rate);
   const noisy = value("noise") > 0;
-  $("wrong").textContent = `${state.latest.off} of ${CELLS}${noisy ? " (noise)" : ""}`;
-  $("wrong").className = state.latest.off && !noisy ? "bad" : "good";
+  $("wrong").textContent = `${state.latest.off} of ${CELLS}${noisy && state.latest.off ? ", by noise" : ""}`;
+  $("wrong").className = !state.latest.off ? "good" : noisy ? "" : "bad";
   $("crc").textContent = state.crcErrors ? `${state.total - state.crcErrors} of ${state.total}` : `all ${state.total}`;
   $("crc").className = state.crcErrors ? "bad" : "good";
   const d = state.decision, row = state.row < 0 ? "between two rows" : `row ${state.row}`;
@@ -582,7 +648,22 @@ function controls() {
 }
 
 for (const id of ["shape", "force", "width", "length", "angle"]) $(id).addEventListener("input", edit);
-for (const id of [...sliders, "corrected", "view"]) $(id).addEventListener("input", changed);
+for (const id of [...sliders, "view"]) $(id).addEventListener("input", changed);
+$("corrected").addEventListener("input", () => {
+  // A wiring without a loss has nothing to correct.
+  if ($("corrected").checked && !sliders.some(value)) Object.entries(presets.harsh).forEach(([name, to]) => { $(name).value = to; });
+  const kind = $("corrected").checked ? "error" : "newtons";
+  document.querySelector(`input[name=shown][value=${kind}]`).checked = true;
+  ramp();
+  changed();
+});
+for (const panel of document.querySelectorAll(".panel:has(.what)"))
+  for (const kind of ["focusin", "pointerover", "input"])
+    panel.addEventListener(kind, ({target}) => {
+      const field = target.closest(".field, .check, .segments, .columns, .drop, button, label"), control = field?.querySelector("input, select") ?? field;
+      const name = control?.closest(".columns") ? "columns" : control?.dataset.step ? "step" : control?.name || control?.id;
+      if (WHAT[name]) panel.querySelector(".what").textContent = WHAT[name];
+    });
 for (const id of Object.keys(presets)) {
   $(id).addEventListener("click", () => {
     for (const name of sliders) $(name).value = presets[id][name];
@@ -651,7 +732,7 @@ $("close").addEventListener("click", close);
 
 // ---- begin -------------------------------------------------------------------------------------------------------
 
-$("sheet-title").textContent = `The skin, ${ROWS} \u00d7 ${COLS} taxels`;
+$("sheet-title").textContent = `Skin, ${ROWS} \u00d7 ${COLS}`;
 sheet.setAttribute("aria-label", `The skin, ${ROWS} by ${COLS} taxels`);
 $("force").max = DESIGN.force_max_n;
 for (const id of ["width", "length"]) $(id).max = Math.max(ROWS, COLS);
@@ -669,6 +750,8 @@ for (let c = 0; c < COLS; c++) {
   $("columns").append(label);
 }
 $("build").textContent = DESIGN.build;
+document.body.classList.toggle("inside", window.top !== window); // the page around it says what this is
+for (const panel of document.querySelectorAll(".panel:has(.what)")) panel.querySelector(".what").textContent = WHAT[panel.dataset.what];
 window.addEventListener("hashchange", () => {
   follow(location.hash);
   changed();
@@ -697,5 +780,6 @@ window.demo = {
   theme();
   follow(location.hash);
   for (const id of ["force", "width", "length", "angle", "slow", "at", ...sliders]) say(id);
+  compare();
   send(true);
 })();

@@ -65,7 +65,10 @@ function post(force) {
     type: "state", latest, total, wrong, crcErrors, rate, frame: frames ? frame : -1, busy,
     clocks: chip.wasm.clocks(), row: chip.wasm.row(), decision: chip.wasm.decision(), trace: chip.trace(view),
   };
-  if (latest) state.force = chip.force(latest.codes, corrected);
+  if (latest) {
+    state.read = chip.force(latest.codes, false);
+    state.force = corrected ? chip.force(latest.codes, true) : state.read;
+  }
   postMessage(state);
 }
 

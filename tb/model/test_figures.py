@@ -65,6 +65,15 @@ def test_both_maps_have_one_scale_that_says_newtons_and_codes(tmp_path: Path) ->
 
 
 @pytest.mark.paper
+def test_a_light_touch_fills_the_scales(tmp_path: Path) -> None:
+    figure, axes = drawn(tmp_path, made(tmp_path, np.linspace(0, 1.5, 256).reshape(1, 16, 16)))
+    assert axes["press"].images[0].get_clim() == axes["codes"].images[0].get_clim() == (0, 31)
+    assert axes["curve"].get_xlim()[1] < 2
+    words = [text.get_text() for bar in figure.axes for text in bar.get_yticklabels()]
+    assert "31  (1.82 N)" in words
+
+
+@pytest.mark.paper
 def test_curves_are_as_wide_as_maps_and_scale_and_end_at_full_force(tmp_path: Path) -> None:
     figure, axes = drawn(tmp_path, made(tmp_path, np.linspace(0, 14, 256).reshape(1, 16, 16)))
     assert axes["rest"].get_window_extent().x1 > 0.97 * figure.bbox.width
@@ -82,7 +91,7 @@ def test_maps_of_any_shape_fill_their_place(rows: int, cols: int, tmp_path: Path
 
 @pytest.mark.paper
 def test_a_sheet_of_resistances_alone_has_a_scale_in_ohm(tmp_path: Path) -> None:
-    figure, axes = drawn(tmp_path, replace(made(tmp_path, np.full((1, 4, 4), 5.0)), force_n=None))
+    figure, axes = drawn(tmp_path, replace(made(tmp_path, np.full((1, 4, 4), 10.0)), force_n=None))
     words = [text.get_text() for bar in figure.axes for text in bar.get_yticklabels()]
     assert {"0  (open)", "255  (500 ohm)"} <= set(words)
     assert "curve" not in axes

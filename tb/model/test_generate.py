@@ -14,11 +14,12 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import dermis
 from dermis.chip import spice_text
 from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.scene import design as dd
-from scripts import generate
+from scripts import first_picture, generate
 
 GENERATED = (
     "rtl/dermis_design.vh",
@@ -28,6 +29,7 @@ GENERATED = (
     "rtl/dermis_registers.v",
     "rtl/dermis_registers.h",
     "models/dermis/chip/register_map.py",
+    "docs/figures/fingertip.svg",
     "rtl/synth/dermis.sdc",
     "rtl/harden/config.json",
     "docs/numbers.md",
@@ -52,6 +54,12 @@ def test_the_tree_is_up_to_date() -> None:
     assert tuple(generate.generate_all()) == GENERATED
 
 
+def test_the_first_picture_shows_the_codes_of_the_verilog() -> None:
+    codes = [dermis.simulate(first_picture.SCENE, engine=engine).codes for engine in ("closed", "rtl")]
+    assert codes[0].any()
+    assert (codes[0] == codes[1]).all()
+
+
 @pytest.mark.long
 @pytest.mark.paper
 @pytest.mark.parametrize(
@@ -64,6 +72,7 @@ def test_the_tree_is_up_to_date() -> None:
         ("docs/numbers.md", "| `timing.settle_clocks` | 115 |", "| `timing.settle_clocks` | 113 |"),
         ("docs/effects.md", "`Network.r_column_ohm`", "`Network.r_row_ohm`"),
         ("docs/scenes.md", "In series with every grounded row", "In series with every other row"),
+        ("docs/figures/fingertip.svg", "at most 0.03 N", "at most 0.00 N"),
         ("docs/registers.md", "| 04 | `SETTLE` |", "| 05 | `SETTLE` |"),
         ("rtl/dermis_registers.v", "address_i == 8'h05", "address_i == 8'h06"),
         ("models/dermis/chip/register_map.py", "GATE = 0x05", "GATE = 0x06"),
@@ -161,7 +170,7 @@ def test_ngspice_reads_every_parameter_as_design_toml_has_it(tmp_path: Path) -> 
             want |= {f"{name.removesuffix('_options')}_{i}": v for i, v in enumerate(value)}
         elif not isinstance(value, str):
             want[name] = value
-    lines = [f".include {dd.ROOT / 'spice/design.inc'}"]
+    lines = [f'.include "{dd.ROOT}/spice/design.inc"']
     # as a voltage: a number of any size comes back to 15 digits
     lines += [f"v{i} n{i} 0 {{{name}}}" for i, name in enumerate(want)]
     got = spice_op(tmp_path, "\n".join(lines), *(f"v(n{i})" for i in range(len(want))))
@@ -175,7 +184,7 @@ def test_ngspice_reads_every_parameter_as_design_toml_has_it(tmp_path: Path) -> 
 @pytest.mark.parametrize("subckt", ["array", "array_lateral"])
 def test_each_taxel_of_the_array_file_is_its_own_parameter(tmp_path: Path, subckt: str) -> None:
     pins = " ".join(["row3" if r == 3 else "0" for r in range(16)] + [f"col{c}" for c in range(16)])
-    lines = [f".include {dd.ROOT / 'spice/array/array.sp'}", "vrow row3 0 1"]
+    lines = [f'.include "{dd.ROOT}/spice/array/array.sp"', "vrow row3 0 1"]
     lines += [f"xarray {pins} {subckt} r_r3c4_ohm=500 r_r4c3_ohm=700"]
     lines += [f"vc{c} col{c} 0 0" for c in range(16)]
     got = spice_op(tmp_path, "\n".join(lines), *(f"i(vc{c})" for c in range(16)))
@@ -193,7 +202,7 @@ def test_lateral_resistors_join_neighbouring_columns_of_every_row(
     lift = " ".join(f"r_r{r}c{c}_ohm=1e15" for r in range(16) for c in range(16))
     pins = " ".join(["0"] * 16 + [f"col{c}" for c in range(16)])
     lateral = " r_lateral_ohm=1600" if coupled else ""
-    lines = [f".include {dd.ROOT / 'spice/array/array.sp'}", f"xarray {pins} {subckt} {lift}{lateral}"]
+    lines = [f'.include "{dd.ROOT}/spice/array/array.sp"', f"xarray {pins} {subckt} {lift}{lateral}"]
     lines += ["vdrive col0 0 1", "vend col15 0 0"]
     got = spice_op(tmp_path, "\n".join(lines), "i(vend)", "v(col6)")
     # 16 rows of 1600 ohm in parallel are 100 ohm a step, 15 steps from end to end

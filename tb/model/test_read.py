@@ -455,7 +455,7 @@ def test_a_recording_of_years_is_followed_for_its_beginning() -> None:
     saved, delay = read.interest_rows(codes, np.array([0.0, 1.0, 1e9]), 0.002)
     assert saved["note"] == "20000 frames of 0.002 s"
     assert (saved["status"], delay["value"]) == ("PASS", 0)
-    assert read.interest_rows(codes[:1], np.zeros(1), 0.002)[0]["note"] == "1 frames of 0.002 s"
+    assert read.interest_rows(codes[:1], np.zeros(1), 0.002)[0]["note"] == "1 frame of 0.002 s"
 
 
 def test_a_policy_that_saves_nothing_or_looks_nowhere_shows(monkeypatch: pytest.MonkeyPatch) -> None:

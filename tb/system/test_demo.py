@@ -172,6 +172,42 @@ def test_correction_puts_droop_back(fresh: Any) -> None:
     assert wait(fresh, f"{error} < 0.3")
 
 
+def test_correct_alone_wires_the_sheet_and_shows_before_beside_after(fresh: Any) -> None:
+    newtons = (
+        "['before', 'after'].map((id) => Number(document.getElementById(id).textContent.match(/[0-9.]+/)))"
+    )
+    by_id(fresh, "corrected").click()
+    assert by_id(fresh, "harsh").get_attribute("aria-pressed") == "true"
+    before, after = wait(fresh, f"{newtons}[0] > 0.5 && {newtons}")
+    assert after < 0.2 * before
+    maps = [by_id(fresh, name).rect for name in ("sheet", "fixed")]
+    assert maps[0]["y"] == maps[1]["y"]
+    assert maps[0]["x"] + maps[0]["width"] <= maps[1]["x"]
+    by_id(fresh, "corrected").click()
+    assert not by_id(fresh, "fixed").is_displayed()
+    wait(fresh, "document.getElementById('error').className === 'bad'")
+
+
+def test_codes_that_noise_moved_are_not_shown_as_good(fresh: Any) -> None:
+    slide(fresh, "noise", 500)
+    text = "document.getElementById('wrong').textContent"
+    assert wait(fresh, f"{text}.includes('by noise') && document.getElementById('wrong').className === ''")
+
+
+@pytest.mark.parametrize(
+    "name", ["shape", "width", "length", "angle", "keep", "view", "slow", "unit", "file", *SLIDERS]
+)
+def test_every_setting_says_what_it_does(fresh: Any, name: str) -> None:
+    said = """const control = document.getElementById(arguments[0]);
+      const what = control.closest(".panel").querySelector(".what");
+      what.textContent = "";
+      control.focus();
+      return [what.textContent, what.getBoundingClientRect().height];"""
+    text, height = fresh.execute_script(said, name)
+    assert text
+    assert height <= 36  # two lines
+
+
 def test_pointer_presses_where_it_is(fresh: Any) -> None:
     from selenium.webdriver.common.action_chains import ActionChains
     from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
@@ -179,9 +215,8 @@ def test_pointer_presses_where_it_is(fresh: Any) -> None:
     sheet = by_id(fresh, "sheet")
     cell = sheet.size["width"] / 16
     ActionChains(fresh).move_to_element_with_offset(sheet, -5.5 * cell, 4.5 * cell).click().perform()
-    wait(fresh, "demo.toml().includes('center_col = 2')")
-    assert centers(fresh) == [pytest.approx((12, 2), abs=PIXEL)]
     wait(fresh, "demo.state().latest.codes[12 * 16 + 2] > 100")
+    assert centers(fresh) == [pytest.approx((12, 2), abs=PIXEL)]
     force = fresh.execute_script("return document.getElementById('force').value")
     ActionChains(fresh).scroll_from_origin(ScrollOrigin.from_element(sheet), 0, -100).perform()
     wait(fresh, f"document.getElementById('force').value > {force}")
@@ -217,7 +252,7 @@ def test_keyboard_alone_is_enough(fresh: Any) -> None:
         seen.add(
             fresh.execute_script("const e = document.activeElement; return e.id || e.name || e.dataset.step")
         )
-    controls = "sheet shape force width length angle keep clear harsh view slow unit bytes corrected"
+    controls = "sheet shape force width length angle keep clear ideal harsh view slow unit corrected"
     assert {*controls.split(), "mode", "shown", "clock", "link", "toml", "file", *SLIDERS} <= seen
     by_id(fresh, "sheet").send_keys(Keys.ENTER)
     wait(fresh, "demo.state().latest.codes.every((code) => code === 0)")

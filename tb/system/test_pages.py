@@ -19,7 +19,47 @@ from scripts.demo import browser, demo
 REASON, COMPILER = browser.missing(), demo.have_compiler()
 pytestmark = [pytest.mark.long, pytest.mark.skipif(bool(REASON), reason=str(REASON))]
 SIZES = ((1280, 800), (800, 1000), (390, 844))
-SIDEWAYS = "return document.documentElement.scrollWidth - innerWidth"
+
+CUT = """
+  // Text and controls that leave the window sideways, or the nearest ancestor that clips or has a border, except where
+  // a reader can scroll to them.
+  const found = [], edge = (style) => style.borderRightStyle !== "none" && parseFloat(style.borderRightWidth) > 0;
+  const judge = (name, box, from) => {
+    if (box.width < 2 || box.height < 2) return;
+    for (let at = from; at; at = at.parentElement) {
+      const style = getComputedStyle(at), outer = at.getBoundingClientRect();
+      if (outer.width < 2 || style.position === "fixed") return;
+      if (style.visibility === "hidden" || style.clipPath !== "none") return;
+      if (style.display === "inline" || style.display === "contents") continue;
+      if (/auto|scroll/.test(style.overflowX) && at.tabIndex >= 0 && at !== document.documentElement) return;
+      const clips = style.overflowX !== "visible" || edge(style) || at === document.documentElement;
+      if (clips && (box.right > outer.right + 1 || box.left < outer.left - 1))
+        return found.push(`${name} in ${at.tagName}.${at.className}`);
+    }
+  };
+  // Drawers that are shut lie beside the window.
+  const shut = [...document.querySelectorAll("body *")].filter((e) => getComputedStyle(e).position === "fixed"
+    && (e.getBoundingClientRect().right <= 0 || e.getBoundingClientRect().left >= innerWidth));
+  const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_ELEMENT | NodeFilter.SHOW_TEXT);
+  const range = document.createRange();
+  for (let node; (node = walk.nextNode());) {
+    if (shut.some((drawer) => drawer.contains(node))) continue;
+    if (node.nodeType === 3 && node.textContent.trim() && !/SCRIPT|STYLE|OPTION/.test(node.parentElement.tagName)) {
+      range.selectNodeContents(node);
+      for (const box of range.getClientRects()) judge(node.textContent.trim().slice(0, 40), box, node.parentElement);
+    } else if (/INPUT|SELECT|BUTTON|CANVAS|IMG|IFRAME/.test(node.tagName))
+      judge(`${node.tagName} ${node.id}`, node.getBoundingClientRect(), node.parentElement);
+  }
+  const wide = document.documentElement.scrollWidth - innerWidth;
+  return wide > 0 ? [`the page scrolls sideways by ${wide} px`, ...found] : found;"""
+
+
+def cut(driver: Any, page: Path | None = None) -> list[str]:
+    """Return what is wider than its place on the open page, or on `page`."""
+    if page is not None:
+        driver.get(page.as_uri())
+    return driver.execute_script(CUT)
+
 
 # Code in the site is smaller than its text, as the theme has it.
 SITE_PX = 10
@@ -50,7 +90,7 @@ def test_a_report_page_is_accessible(driver: Any, tmp_path: Path, command: list[
         browser.screen(driver, width, height, dark)
         driver.get(page.as_uri())
         driver.execute_script("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
-        assert driver.execute_script(SIDEWAYS) <= 0, width
+        assert cut(driver) == [], width
         assert driver.execute_script(drawn) > 0
         assert errors(driver) == []
         assert complaints(driver, minimum_px=10) == [], width
@@ -78,22 +118,79 @@ def test_the_first_page_of_the_site_runs_the_chip(driver: Any, site: Path) -> No
     assert complaints(driver, SITE_PX) == []
 
 
-def test_no_page_of_the_site_scrolls_sideways_or_has_an_error_on_the_console(driver: Any, site: Path) -> None:
+@pytest.mark.timeout(900)
+def test_no_page_of_the_site_scrolls_sideways_or_cuts_text(driver: Any, site: Path) -> None:
+    found = []
     for width, height in SIZES:
         browser.screen(driver, width, height, False)
         for page in sorted(site.rglob("*.html")):
-            if page.name not in ("chip.html", "404.html"):  # the first has tests of its own
-                driver.get(page.as_uri())
-                assert errors(driver) == [], page.name
-                assert driver.execute_script(SIDEWAYS) <= 0, (page.name, width)
+            if page.name not in ("chip.html", "404.html"):  # the first is the demo
+                found += [(page.stem, width, said) for said in (*cut(driver, page), *errors(driver))]
+    assert found == []
 
 
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-@pytest.mark.parametrize("name", ["index", "datasheet", "paper", "schematics", "schematics/ota"])
-def test_a_page_of_the_site_is_accessible(driver: Any, site: Path, name: str, dark: bool) -> None:
+@pytest.mark.skipif(bool(COMPILER), reason=str(COMPILER))
+@pytest.mark.parametrize("fragment", ["", "#b=flat,15,9,5,7,8,30&row_ohm=10&noise=200&corrected=1"])
+def test_the_demo_neither_scrolls_sideways_nor_cuts_text(driver: Any, fragment: str) -> None:
+    page = demo.build()
     for width, height in SIZES:
-        browser.screen(driver, width, height, dark)
-        driver.get((site / f"{name}.html").as_uri())
-        shown = driver.execute_script("return getComputedStyle(document.body).backgroundColor")
-        assert (shown != "rgb(255, 255, 255)") == dark
-        assert complaints(driver, SITE_PX) == [], width
+        browser.screen(driver, width, height, False)
+        browser.visit(driver, page, fragment)
+        driver.execute_script("document.getElementById('player').hidden = false")
+        assert cut(driver) == [], width
+
+
+FAULTS = {
+    "scroll": "<p style='white-space: nowrap'>{}</p>",
+    "clip": "<div style='width: 9em; overflow: hidden'><p style='width: 40em'>{}</p></div>",
+    "card": "<div style='width: 90px; border: 1px solid'><select style='width: 99px'></select></div>",
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
+def test_what_is_cut_is_found(driver: Any, tmp_path: Path, fault: str) -> None:
+    page = tmp_path / "page.html"
+    browser.screen(driver, 390, 844, False)
+    page.write_text("<!doctype html><meta name='viewport' content='width=device-width'><p>whole</p>")
+    assert cut(driver, page) == []
+    page.write_text(
+        page.read_text() + fault.format("a line that is longer than a phone is wide, and more " * 2)
+    )
+    assert cut(driver, page) != []
+
+
+def test_a_keyboard_alone_reaches_what_scrolls_and_every_link(driver: Any, site: Path) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains
+    from selenium.webdriver.common.keys import Keys
+
+    browser.screen(driver, 390, 844, False)
+    driver.get((site / "datasheet.html").as_uri())
+    wanted = """const all = "article a[href], article .md-typeset__scrollwrap, article pre > code";
+      const wide = (e) => e.href || e.scrollWidth > e.clientWidth;
+      return [...document.querySelectorAll(all)].filter((e) => e.checkVisibility() && wide(e))"""
+    left, seen = {e.id for e in driver.execute_script(wanted)}, 0
+    assert left
+    for _ in range(400):
+        ActionChains(driver).send_keys(Keys.TAB).perform()
+        left.discard(driver.switch_to.active_element.id)
+        seen += 1
+        if not left:
+            break
+    assert not left, (len(left), seen)
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_every_page_of_the_site_is_accessible(driver: Any, site: Path, dark: bool) -> None:
+    found = []
+    for page in sorted(site.rglob("*.html")):
+        if page.name in ("chip.html", "404.html"):
+            continue
+        narrow = page.stem in ("index", "datasheet", "schematics", "ota")
+        for width, height in SIZES if narrow else SIZES[:1]:
+            browser.screen(driver, width, height, dark)
+            driver.get(page.as_uri())
+            shown = driver.execute_script("return getComputedStyle(document.body).backgroundColor")
+            assert (shown != "rgb(255, 255, 255)") == dark
+            found += [(page.stem, width, said) for said in complaints(driver, SITE_PX)]
+    assert found == []

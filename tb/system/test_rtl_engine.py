@@ -18,7 +18,7 @@ from system_bench import MakePlan, dermis, processes_with
 from dermis import effects, simulate
 from dermis.chip import hdl, spi_protocol
 from dermis.engines import closed, event, rtl
-from dermis.errors import SimulatorError
+from dermis.errors import InputError, SimulatorError
 from dermis.processes import children
 from dermis.records import Plan
 from dermis.scene.design import TOPOLOGIES
@@ -206,6 +206,16 @@ def test_a_fault_in_a_model_is_caught(resistance_plan: MakePlan, tmp_path: Path,
     made = resistance_plan(of_codes(np.random.default_rng(3).permutation(256).reshape(16, 16)[:4]))
     wrong = rtl.run(made, simulator="icarus", models=with_fault(tmp_path, *FAULTS[fault])).codes
     assert not np.array_equal(wrong, closed.run(made).codes)
+
+
+def test_verilator_is_refused_where_no_directory_is_without_a_space(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """tb/system/test_wheel.py has the builds themselves, which go into the environment if build/ has a space."""
+    monkeypatch.setattr(hdl, "BUILD", tmp_path / "two words")
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "two words"))
+    with pytest.raises(InputError, match="a path without a space"):
+        hdl.build("verilator", "dermis_top", {})
 
 
 def test_models_that_do_not_compile_end_with_the_log(resistance_plan: MakePlan, tmp_path: Path) -> None:

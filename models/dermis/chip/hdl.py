@@ -166,7 +166,7 @@ def build(
             raise SimulatorError(f"{simulator} does not build {toplevel}: {error}", log) from None
 
     return _cached(
-        BUILD / where / simulator / toplevel,
+        _place(where, simulator) / toplevel,
         [*sources, *_headers(includes)],
         [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise and PROGRAM_FLAGS],
         make,
@@ -180,6 +180,9 @@ def _runner(
 ) -> Any:
     """Return cocotb's runner; its own call has no time limit and would leave programs running."""
     runner = optional("cocotb_tools.runner", "chip").get_runner(simulator)
+    config = optional("cocotb_tools.config", "chip")
+    # Verilator's makefile gets both, and takes no space; .venv is a link if there is one in its path.
+    config.libs_dir, config.share_dir = config.libs_dir.resolve(), config.share_dir.resolve()
 
     def execute(commands: Sequence[Sequence[str]], cwd: str | Path) -> None:
         for command in commands:
@@ -274,7 +277,7 @@ def program(
     tool = prepare(simulator)
 
     def make(target: Path, log: Path) -> None:
-        files = [*(f"-I{d}" for d in includes), *map(str, sources), str(main)]
+        files = [*(f"-I{d}" for d in includes), *map(str, sources), shutil.copy(main, target)]
         if simulator == "icarus":
             command = ["iverilog", "-g2012", "-o", str(target / "sim.vvp"), "-s", main.stem]
             command += [f"-P{main.stem}.{key}={value}" for key, value in parameters.items()]
@@ -288,13 +291,13 @@ def program(
         # compiler is the one that is asked for: theirs is c++, which may be another.
         command = ["make", "-s", "-f", f"V{toplevel}.mk", "CXX=g++", "LINK=g++", "VM_PARALLEL_BUILDS=0"]
         command += [f"OPT_FAST={' '.join(PROGRAM_FLAGS)}", "OPT_SLOW=-O1", "OPT_GLOBAL=-O2"]
-        command.append(f"PYTHON3={sys.executable}")
+        command.append(f"PYTHON3={Path(sys.executable).name}")
         children.run_logged(command, target, log, BUILD_LIMIT_S, "g++")
 
     name = "sim.vvp" if simulator == "icarus" else f"V{toplevel}"
     flags = [PROGRAM_FLAGS, VERILATOR_ARGUMENTS] if simulator == "verilator" else []
     target = _cached(
-        BUILD / "models" / simulator / toplevel,
+        _place("models", simulator) / toplevel,
         [*sources, main, *_headers(includes)],
         [simulator, toplevel, dict(parameters), tool, *flags],
         make,
@@ -302,6 +305,20 @@ def program(
         tool,
     )
     return [*(["vvp", "-n"] if simulator == "icarus" else []), str(target / name)]
+
+
+def _place(where: str, simulator: str) -> Path:
+    """Return the directory of builds: in build/, or in the Python environment if a path with a space has build/ and
+    Verilator builds, whose makefiles take none; InputError if both have one.
+    """
+    if simulator != "verilator" or " " not in str(BUILD):
+        return BUILD / where / simulator
+    place = Path(sys.prefix).resolve()
+    if " " in str(place):
+        raise InputError(
+            "environment", "sys.prefix", place, "a path without a space for Verilator, or simulator icarus"
+        )
+    return place / "build" / where / simulator
 
 
 def _whole(program: Path) -> bool:

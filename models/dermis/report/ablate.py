@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dermis import engines, plan
-from dermis.errors import InputError
+from dermis.errors import InputError, counted
 from dermis.files import write_between
 from dermis.places import BUILD, ROOT
 from dermis.processes.cpu_time import cpu_seconds
@@ -146,7 +146,7 @@ def rows_of(costs: list[Cost], full: Plan) -> list[Row]:
     rows = []
     for cost in costs:
         what = "every effect" if cost.name == EVERYTHING else cost.name
-        note = f"{full.engine}, {full.frames} frames, everything on against {what} off"
+        note = f"{full.engine}, {counted(full.frames, 'frame')}, everything on against {what} off"
         for key, unit, more in (
             ("code_max_lsb", "lsb", ""),
             ("moved", "1", "; share of the taxels"),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dermis import engines
 from dermis.engines import Result
-from dermis.errors import InputError
+from dermis.errors import InputError, counted
 from dermis.records import Plan
 from dermis.report import verdict
 from dermis.report.verdict import Row
@@ -83,7 +83,7 @@ def first_frames(made: Plan, result: Result, name: str, taxels: int) -> list[Row
     frames = min(made.frames, -(-taxels // (made.rows * made.cols)))
     first = made.part(0, frames)
     rows = compare(first, Result(result.codes[:frames]), name)
-    return [{**row, "note": f"{row['note']}; {frames} of {made.frames} frames"} for row in rows]
+    return [{**row, "note": f"{row['note']}; {counted(frames, 'frame', made.frames)}"} for row in rows]
 
 
 def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None = None) -> list[Row]:
@@ -119,6 +119,6 @@ def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None
         rows.append(verdict.judge(f"frame.fit_residual_lsb.{name}", float(np.abs(fit[2]).max()), note))
     if expected is not None:
         worst = int(np.abs(codes - expected).max())
-        note = f"{made.frames} frames of the file"
+        note = f"{counted(made.frames, 'frame')} of the file"
         rows.append(verdict.judge(f"frame.readback_error_lsb.{name}", worst, note))
     return rows

@@ -52,9 +52,20 @@ def _layout(rows: int, cols: int) -> tuple[list[list[str]], tuple[float, float]]
     return [["press", "codes"], ["curve", "rest"]], (11, 7.6)
 
 
-def _scale(made: Plan, code_max: int) -> tuple[list[int], list[str]]:
+def _top(made: Plan, codes: NDArray[Any]) -> int:
+    """Return the code at the end of the scales: full scale, halved as long as every code, read and ideal, is below
+    half of it.
+    """
+    top = made.timing.code_max
+    most = max(codes.max(initial=0), made.timing.gate_clocks * made.duty_ideal().max(initial=0.0))
+    while top > 15 and most < top // 2:
+        top //= 2
+    return top
+
+
+def _scale(made: Plan, top: int) -> tuple[list[int], list[str]]:
     """Return codes of the colour scale with the force, or resistance, of an ideal chip."""
-    codes = [round(code_max * part / 4) for part in range(5)]
+    codes = [round(top * part / 4) for part in range(5)]
     duty = np.array(codes)[:, None] / made.timing.gate_clocks * np.ones(made.cols)
     unit, of_duty = ("ohm", made.ohm_of_duty) if made.force_n is None else ("N", made.force_of_duty)
     values = of_duty(duty)[:, 0]
@@ -89,22 +100,22 @@ def frame_figure(
         parts, axes = [figure], figure.subplot_mosaic(places)
     frame = int(np.argmax(codes.reshape(codes.shape[0], -1).sum(axis=1, dtype=float)))
     which = f", frame {frame} of {made.frames}" if made.frames > 1 else ""
-    code_max = made.timing.code_max
+    code_max, top = made.timing.code_max, _top(made, codes)
     steps = made.timing.gate_clocks * made.part(frame, frame + 1).duty_ideal()[0]
     pressed = "force" if with_force else "conductance"
     maps = {"press": np.minimum(steps, code_max), "codes": codes[frame]}
     titles = f"Stimulus: {pressed} on the taxel{which}", f"Code that the chip reports{which}"
     for (name, values), title in zip(maps.items(), titles, strict=True):
-        image = axes[name].imshow(values, cmap="viridis", interpolation="nearest", vmin=0, vmax=code_max)
+        image = axes[name].imshow(values, cmap="viridis", interpolation="nearest", vmin=0, vmax=top)
         axes[name].set(xlabel="column", ylabel="row")
         axes[name].set_title(title, fontsize=10)
         axes[name].locator_params(integer=True)
-    ticks, words = _scale(made, code_max)
+    ticks, words = _scale(made, top)
     both = [axes["press"], axes["codes"]]
     bar = parts[0].colorbar(image, ax=both, ticks=ticks, label=f"code (ideal {pressed})")
     bar.ax.set_yticklabels(words, fontsize=8)
     if with_force:
-        _curves(made, codes, fit, axes["curve"], axes["rest"])
+        _curves(made, codes, top, fit, axes["curve"], axes["rest"])
     save(figure, path)
     return figure
 
@@ -112,6 +123,7 @@ def frame_figure(
 def _curves(
     made: Plan,
     codes: NDArray[Any],
+    top: int,
     fit: tuple[float, float, NDArray[np.float64]] | None,
     curve: Any,
     rest: Any,
@@ -119,7 +131,7 @@ def _curves(
     """Draw code against force of every taxel with the fitted line, and the residual."""
     assert made.force_n is not None
     code_max = made.timing.code_max
-    full_n = float(made.force_of_duty(np.full(made.cols, 0.5)).max())
+    full_n = float(made.force_of_duty(np.full(made.cols, top / made.timing.gate_clocks)).max())
     if not math.isfinite(full_n):  # no force reaches full scale: as far as there are forces
         full_n = max(1.0, float(made.force_n.max(initial=0.0, where=np.isfinite(made.force_n))))
     ticks = [n for n in MaxNLocator(6).tick_values(0.0, full_n) if 0 <= n < 0.93 * full_n] + [full_n]
@@ -128,9 +140,9 @@ def _curves(
     if shown.any():
         cloud(curve, force[shown], codes.ravel()[shown], f"{int(shown.sum())} codes")
     if fit is not None:
-        line, label = np.array([0.0, (code_max - fit[1]) / fit[0]]), f"{fit[0]:.3f} codes/N {fit[1]:+.3f}"
+        line, label = np.array([0.0, (top - fit[1]) / fit[0]]), f"{fit[0]:.3f} codes/N {fit[1]:+.3f}"
         curve.plot(line, fit[0] * line + fit[1], color=ORANGE, lw=1, label=label)
-    curve.set_ylim(-8, code_max + 13)
+    curve.set_ylim(-0.03 * top, 1.05 * top)
     curve.set_ylabel("code")
     curve.set_title("Code against force", fontsize=10)
     if curve.get_legend_handles_labels()[0]:

@@ -12,7 +12,7 @@ import click
 from dermis import engines, records
 from dermis import plan as planning
 from dermis.engines import masking
-from dermis.errors import DermisError
+from dermis.errors import DermisError, counted
 from dermis.processes.cpu_time import cpu_seconds
 from dermis.report import progress, verdict
 from dermis.scene import scene as scenes
@@ -62,7 +62,7 @@ def print_answer(plan: records.Plan) -> None:
     enough = engines.cheapest(full if together else fewer) or plan.engine
     size = whole.size
     found = ", ".join(f"{c.name} ({round(c.moved * size)}, by up to {c.code_max_lsb})" for c in moving)
-    of = f"of {size} in {full.frames} of {plan.frames} frames"
+    of = f"of {size} in {counted(full.frames, 'frame', plan.frames)}"
     idle = ", ".join(cost.name for cost in costs if not cost.code_max_lsb)
     idle += f" alone, but {together} together" if together else ""
     times = (f"{s * plan.frames / full.frames:.2g} s" for s in seconds)
@@ -129,7 +129,7 @@ def plan_command(scene: str, engine: str | None, chosen: bool) -> int:
     print_plan(made)
     if made.filtered:
         sample = made.busiest(_SAMPLE)
-        click.echo(f"filter, {sample.frames} of {made.frames} frames:")
+        click.echo(f"filter, {counted(sample.frames, 'frame', made.frames)}:")
         if made.engine == "cosim":
             print_rows(masking.decide(sample).as_dict(sample.first_frame))
         else:

@@ -22,7 +22,7 @@ from dermis import plan as planning
 from dermis.chip.spi_protocol import RowsOfInterest
 from dermis.decode import calibration, recording, recording_bag
 from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Forces
-from dermis.errors import InputError, one_line, optional
+from dermis.errors import InputError, counted, one_line, optional
 from dermis.files import write_atomic
 from dermis.places import BUILD
 from dermis.records import Plan
@@ -298,7 +298,9 @@ def interest_rows(codes: NDArray[Any], time_s: Floats, t_frame_s: float, late: i
     wait = np.minimum.accumulate(np.where(read, at, len(time))[::-1])[::-1] - at
     waits = wait[touched & np.diff(touched, axis=0, prepend=False)]
     note = f"{(waits > 0).sum()} of {waits.size} late; {(touched & ~read).sum()} of {touched.sum()} readings missed"
-    saved = verdict.report("read.rows_saved", 1 - read.mean(), "1", f"{len(time)} frames of {t_frame_s:g} s")
+    saved = verdict.report(
+        "read.rows_saved", 1 - read.mean(), "1", f"{counted(len(time), 'frame')} of {t_frame_s:g} s"
+    )
     return [saved, verdict.report("read.touch_delay_frames", int(waits.max(initial=0)), "frames", note)]
 
 
@@ -471,7 +473,8 @@ def read_command(
         output.MAPS.append((*strongest(np.where(rec.present, found.force_n, np.nan), 64, 64), "N"))
         verdict.write_rows("read", judged)
         taxels = int(rec.present.sum())
-        title = f"{one_line(file)}: {frames} frames of {rows} x {cols}, {taxels} taxels, time from {rec.time_from}"
+        size = f"{counted(frames, 'frame')} of {rows} x {cols}"
+        title = f"{one_line(file)}: {size}, {taxels} taxels, time from {rec.time_from}"
         verdict.print_rows(judged, title)
         click.echo(f"codes, forces and summary are in {one_line(str(target), 400)}")
         return verdict.exit_code(judged)
