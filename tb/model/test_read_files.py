@@ -142,7 +142,7 @@ def test_lost_labels_are_lost_frames(load) -> None:
         lines += [f"# frame {n}", *(",".join(f"{v:g}" for v in row) for row in FRAMES[n])]
     found = load("\n".join(lines), **RATE)
     assert found.time_s[5] == pytest.approx(8 / 50)
-    assert "3 frames are lost, the first after frame 4" in load.said
+    assert "3 frames lost, the first after frame 4" in load.said
 
 
 def test_a_file_of_its_own_is_read_back(load) -> None:

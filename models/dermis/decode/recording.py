@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dermis.decode import recording_bag, recording_parquet
 from dermis.decode import recording_text as text
 from dermis.decode.recording_text import Found, Layout, warn
-from dermis.errors import InputError, optional
+from dermis.errors import InputError, counted, optional
 from dermis.scene.schema import read_bytes
 from dermis.scene.stimulus import FILE_BYTES_MAX, VALUES_MAX, npy_array, npz_member
 
@@ -367,7 +367,7 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         if (steps <= 0).any():
             raise InputError(path, "frame", float(number[int(np.argmin(steps)) + 1]), "numbers that rise")
         if (lost := int((steps - 1).sum())) and (steps == 1).any():
-            warn(path, f"{lost} frames are lost, the first after frame {number[int(np.argmax(steps > 1))]:g}")
+            warn(path, f"{counted(lost, 'frame')} lost, the first after frame {number[int(np.argmax(steps > 1))]:g}")
     if layout.rate_hz is not None:
         number = np.arange(frames) if number is None else number - number[0]
         return number / layout.rate_hz, "option --rate"

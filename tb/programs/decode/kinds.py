@@ -489,7 +489,7 @@ CASES: dict[str, Case] = {
         SIZE | RATE,
         np.delete(FRAMES, 4, 0),
         np.delete(TIME, 4),
-        says="1 frames are lost",
+        says="1 frame lost",
     ),
     "its own output": Case("a.csv", OWN_OUTPUT),
     "missing cell nan": Case("a.csv", gap("nan"), SIZE, without(cell=(3, 0, 5))),
@@ -524,7 +524,7 @@ CASES: dict[str, Case] = {
         {},
         *LOST,
         area_mm2=25.0,
-        says="1 frames are lost",
+        says="1 frame lost",
     ),
     "Tekscan, exponents": Case(
         "a.asf",
