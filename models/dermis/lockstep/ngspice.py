@@ -124,7 +124,7 @@ class _Circuit(ctypes.Structure):
         *((name, ctypes.c_double) for name in ("t_edge", "t_max_step", "t_stop", "growth")),
         *(
             (name, ctypes.c_int)
-            for name in ("n_lines", "n_source", "n_probe", "recording", "use_ic", "multistep")
+            for name in ("n_lines", "n_source", "n_probe", "recording", "use_ic", "own_steps")
         ),
     )
 
@@ -217,7 +217,9 @@ class NgspiceHalf:
         self._log_begins = log.stat().st_size if log.exists() else 0
         start = ladder.START[level.start]
         lines = [*deck.lines, *level.option_lines]
-        gear = any("method=gear" in "".join(line.lower().split()) for line in lines)
+        own_steps = netlist_faults.breaks(lines) or any(
+            "method=gear" in "".join(line.lower().split()) for line in lines
+        )
         step_s = min(t_max_step_s, deck.longest_step_s)
         self._late_s = late_s
         shortest_s = min(t_edge_s, deck.longest_edge_s)
@@ -233,7 +235,7 @@ class NgspiceHalf:
                 t_edges=(ctypes.c_double * len(edges_s))(*edges_s), t_edge=t_edge_s,
                 probe_names=_texts(deck.probes), n_probe=len(deck.probes),
                 t_max_step=step_s, t_stop=t_stop_s, growth=deck.step_growth,
-                recording=record, use_ic=use_ic, multistep=gear,
+                recording=record, use_ic=use_ic, own_steps=own_steps,
             )  # fmt: skip
             if _lib.lockstep_open(circuit):
                 self._raise()
