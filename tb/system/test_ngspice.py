@@ -84,6 +84,7 @@ def test_an_rc_charges_as_the_formula_says(tmp_path: Path) -> None:
             "h = half(t_stop=1e-6); h.advance(1e-6, []); refused(lambda: h.advance(2e-6, []))",
             "beyond the end",
         ),
+        ("h = half(); h.advance(1e-6, []); refused(lambda: half())", "did not come to its end"),
         # A process has another circuit after one that was given up or refused.
         (
             "h = half(); h.advance(1e-6, []); h.close(); refused(lambda: half(['x1 a b none']));"

@@ -397,10 +397,12 @@ int lockstep_open(const struct circuit *of)
     static bool initialised;
     static int ident;
     int n_source = of->n_source, n_probe = of->n_probe;
-    if (ls.waiting) /* the last circuit failed, or its caller never ended it */
+    if (ls.state == RUNNING)
+        return fail("this process has another circuit that did not come to its end");
+    if (ls.waiting) /* the last circuit failed */
         give_up("the transient was given up");
     if (ls.waiting || ls.gone)
-        return fail("this process has had a circuit that did not come to its end");
+        return fail("ngspice takes no other circuit in this process");
     if (n_source > MAX_SOURCES || n_probe > MAX_SOURCES)
         return fail("too many sources or probes");
     if (ls.log)
