@@ -191,6 +191,8 @@ TESTS = {
         ({"dut.nothing": Drive("vd_a"), "dut.dac": Drive("vd_b")}, "dut.nothing"),
         ({"dut.code": Drive(("vd_a", "vd_b"))}, "one source, or 4"),
         ({"dut.dac": Drive("vd_a")}, "vd_b"),
+        ({"dut.dac": Drive("vd_a"), "dut.other": Drive("VD_A")}, "VD_A: a source that no other"),
+        ({"dut.code": Drive(["vd_a"] * 4)}, "vd_a: a source that no other"),
     ):
         found = await said(dut, cosim(inputs))
         assert words in found and chr(10) not in found, found

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.errors import InputError
+from dermis.lockstep import netlist_faults
 from dermis.lockstep.clock_loop import ClockLoop, DrivenClock, Net, Output, Timebase, unit_s
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
@@ -277,6 +278,11 @@ class Cosim:
             if kind == "bits" and len(own) != width:
                 raise self._wrong(name, own, f"one source, or {width}")
             nets.append(Net(handle._path, len(sources), drive.low, drive.high, kind))
+            taken = [source.lower() for source, _ in sources]
+            for source in own:
+                if source.lower() in taken:
+                    raise self._wrong(name, source, "a source that no other bit drives")
+                taken.append(source.lower())
             sources += [(source, drive) for source in own]
         return nets, sources
 
@@ -300,6 +306,7 @@ class Cosim:
             tuple(drive.abrupt for _, drive in sources),
             tuple(self._nodes),
             edges_s=edges_s,
+            breaks=netlist_faults.breaks(self._lines),
         )
         shortest = min(edges_s, default=self._step_s)
         return NgspiceHalf(deck, t_edge_s=shortest, t_max_step_s=self._step_s, t_stop_s=END_S, log=self._log)

@@ -56,6 +56,7 @@ class Deck:
         for no such limit.
     late_s : time by which each probe is sampled earlier; empty for 0.
     edges_s : how long the edges of each source last, whatever the caller asks for; empty for no such wish.
+    breaks : ngspice may have breakpoints of its own (`netlist_faults.breaks`), so no step is longer than it asks for.
     """
 
     lines: tuple[str, ...]
@@ -68,6 +69,7 @@ class Deck:
     step_growth: float = 0.0
     late_s: tuple[float, ...] = ()
     edges_s: tuple[float, ...] = ()
+    breaks: bool = False
 
 
 def library() -> Path:
@@ -217,9 +219,7 @@ class NgspiceHalf:
         self._log_begins = log.stat().st_size if log.exists() else 0
         start = ladder.START[level.start]
         lines = [*deck.lines, *level.option_lines]
-        own_steps = netlist_faults.breaks(lines) or any(
-            "method=gear" in "".join(line.lower().split()) for line in lines
-        )
+        own_steps = deck.breaks or any("method=gear" in "".join(line.lower().split()) for line in lines)
         step_s = min(t_max_step_s, deck.longest_step_s)
         self._late_s = late_s
         shortest_s = min(t_edge_s, deck.longest_edge_s)
