@@ -267,6 +267,12 @@ TESTS = {
     assert await said(dut, sim) == ""
     assert abs(sim.samples["x"] - 1.0).max() < 1e-6, "what follows .END is no part of it"
 """,
+    "an_output_that_the_verilog_drives_is_named": """
+    outputs = {"dut.dac": Compare("d_b", above=0.5)}
+    sim = Cosim(RC, {"dut.late": Drive("vd_a"), "dut.other": Drive("vd_b")}, outputs, log="own.log", reset="dut.rst_n",
+                clock={"dut.clk": 1e-6, "dut.clk_b": 0.7e-6}, settle_s=5e-9)
+    assert "own.dac is not as the circuit set it" in await said(dut, sim)
+""",
     "an_x_is_named": """
     assert "own.dac is x" in await said(dut, cosim({"dut.dac": Drive("vd_a"), "dut.late": Drive("vd_b")}, reset=None))
 """,

@@ -435,12 +435,30 @@ static int proceed(void)
     return 0;
 }
 
+/* False for an output that something else drives as well. */
+static bool ours(const struct output *out)
+{
+    s_vpi_value value = {.format = vpiVectorVal};
+    vpi_get_value(out->handle, &value);
+    for (int i = 0; i < out->width; i++) {
+        const s_vpi_vecval *word = &value.value.vector[i / 32];
+        if ((((PLI_UINT32)word->aval ^ out->sent[i / 32]) | (PLI_UINT32)word->bval) >> i % 32 & 1) {
+            snprintf(lp.text, TEXT_BYTES, "%s is not as the circuit set it at %.9g s: something else drives it", out->name, lp.event);
+            return false;
+        }
+    }
+    return true;
+}
+
 static PLI_INT32 look(p_cb_data data)
 {
     (void)data;
     lp.callback = NULL;
     if (lp.state != RUNNING)
         return 0;
+    for (const struct output *out = lp.output; !lp.end && out < lp.output + lp.n_output; out++) /* the chip's are its inputs */
+        if (!ours(out))
+            return stop(WRONG);
     for (struct net *net = lp.net; net < lp.net + lp.n_net; net++) {
         if (net->kind == REAL && !net->moved) { /* Verilator 5.49 does not call back for a real net */
             read_net(net);
