@@ -196,6 +196,10 @@ TESTS = {
     ):
         found = await said(dut, cosim(inputs))
         assert words in found and chr(10) not in found, found
+    outputs = {"dut.comp": Compare("x", above=0.5, crossing=True)}
+    options = dict(clock="dut.clk", period_s=1e-6, reset="dut.rst_n", settle_s=0.5e-6, log="own.log")
+    found = await said(dut, Cosim(RC, {"dut.dac": Drive("vd_a"), "dut.other": Drive("vd_b")}, outputs, **options))
+    assert "below half" in found, found
 """,
     "a_process_goes_on_after_a_fault": """
     inputs = {"dut.dac": Drive("vd_a"), "dut.other": Drive("vd_b")}

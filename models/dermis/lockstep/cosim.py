@@ -227,13 +227,18 @@ class Cosim:
             await Timer(RESET_CLOCKS * longest, unit="step")
             reset.value = 1 - self._reset.active
         settle = 1 + math.ceil(self._settle_s / unit)
+        # comparators that are crossings settle before the first edge
+        ahead = settle if any(bits[0].crossing for bits in self._outputs.values()) else 0
+        if ahead and between and 2 * settle >= min(between):
+            allowed = "below half of the time between edges, for comparators that are crossings"
+            raise self._wrong("settle_s", self._settle_s, allowed)
         await Timer(settle, unit="step")
         for _ in range(longest):
             since = cocotb.utils.get_sim_time("step") - began
             # from the last edge of each clock to now
             half_periods = (units // 2 for units in periods.values())
             passed = [(since + half) % gap for half, gap in zip(half_periods, between, strict=True)]
-            if all(settle <= past for past in passed):
+            if all(settle <= past < gap - ahead for past, gap in zip(passed, between, strict=True)):
                 break
             await Timer(1, unit="step")
         first = [gap - past for gap, past in zip(between, passed, strict=True)]
