@@ -244,6 +244,11 @@ TESTS = {
         outputs = {net: Compare("p", above=v, crossing=True) for net, v in above.items()}
         sim = Cosim(rc, inputs, outputs, clock="dut.clk", period_s=1e-6, reset="dut.rst_n", log="own.log")
         assert await said(dut, sim, 5) == "" and sim.overshoot_v < 2e-12
+    # high from 2.2 us to 2.35 us, which is within settle_s before the edge at 2.5 us
+    rc = RC + "vp p 0 pwl(0 0 2.1u 0 2.3u 1 2.4u 0)" + chr(10) + "rp p 0 1k" + chr(10)
+    sim = Cosim(rc, inputs, {"dut.comp_b": Compare("p", above=0.5, crossing=True)}, settle_s=0.4e-6, step_s=1e-8,
+                clock="dut.clk", period_s=1e-6, reset="dut.rst_n", log="own.log")
+    assert "crossed twice" in await said(dut, sim, 5)
 """,
     "both_edges_of_a_clock": """
     inputs = {"dut.dac": Drive("vd_a"), "dut.fell": Drive("vd_b")}

@@ -289,6 +289,16 @@ static void set(struct output *out, int i, bool value)
 
 static bool unsent(const struct output *out) { return memcmp(out->bits, out->sent, sizeof out->bits) != 0; }
 
+/* Number of comparators that the HDL has to be told of as crossings. */
+static int pending(void)
+{
+    int bits = 0;
+    for (const struct output *out = lp.output; out < lp.output + lp.n_output; out++)
+        for (int w = 0; out->crossing && w < out->words; w++)
+            bits += __builtin_popcount(out->bits[w] ^ out->sent[w]);
+    return bits;
+}
+
 static void tell(bool crossings)
 {
     for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
@@ -399,7 +409,7 @@ static int proceed(void)
     double to = next ? seconds(next) : lp.now + lp.idle;
     bool crossed = false; /* and each turn of the loop begins at an event */
     tick_t at = next;
-    while (lp.now < to || lp.n_edge) {
+    for (int before = 0; lp.now < to || lp.n_edge;) {
         if (!(lp.n_crossing ? approach(to, &crossed) : solve(to)))
             return 0;
         if (!crossed)
@@ -410,6 +420,11 @@ static int proceed(void)
         if (!next || at + lp.settle + 1 < next)
             break;
         crossed = false, at = next; /* so near the clock edge that it belongs to it */
+        if (pending() <= before) {
+            snprintf(lp.text, TEXT_BYTES, "a comparator crossed twice within settle_s before the clock edge at %.9g s", to);
+            return stop(WRONG);
+        }
+        before = pending();
     }
     for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
         for (int i = 0; !out->crossing && !crossed && i < out->width; i++)
@@ -421,9 +436,7 @@ static int proceed(void)
         if (lp.clock[k].next == at)
             lp.clock[k].next += lp.clock[k].period;
     keep();
-    lp.near = false;
-    for (struct output *out = lp.output; next && !crossed && out < lp.output + lp.n_output; out++)
-        lp.near |= out->crossing && unsent(out);
+    lp.near = next && !crossed && pending();
     tick_t wait = at - tick + (crossed ? 0 : lp.settle);
     if (lp.near)
         wait = at - tick - 1;
