@@ -84,8 +84,14 @@ def test_an_rc_charges_as_the_formula_says(tmp_path: Path) -> None:
             "h = half(t_stop=1e-6); h.advance(1e-6, []); refused(lambda: h.advance(2e-6, []))",
             "beyond the end",
         ),
-        # The circuit that was given up stays in its process.
-        ("h = half(); h.advance(1e-6, []); h.close(); refused(lambda: half())", "did not come to its end"),
+        ("h = half(); h.advance(1e-6, []); refused(lambda: half())", "did not come to its end"),
+        # A process has another circuit after one that was given up or refused.
+        (
+            "h = half(); h.advance(1e-6, []); h.close(); refused(lambda: half(['x1 a b none']));"
+            " refused(lambda: half(probes=('nowhere',)).advance(1e-6, []));"
+            " print('refused:', half().advance(1e-6, []))",
+            "refused: [0",
+        ),
     ],
 )
 def test_misuse_is_refused_with_the_words_of_ngspice(tmp_path: Path, code: str, said: str) -> None:

@@ -35,6 +35,8 @@ class Host:
     """
 
     def __init__(self, transfer: Callable[[bytes, bool], bytes], limit: int = 4096, tries: int = 3) -> None:
+        if limit < 1 or tries < 1:
+            raise InputError("Host", "limit, tries", (limit, tries), "numbers from 1")
         self.transfer, self.limit, self.tries = transfer, limit, tries
 
     def _exchange(self, data: bytes) -> bytes:
@@ -60,7 +62,9 @@ class Host:
         self._run(lambda: spi.write_register(address, value), NOT_DONE)
 
     def set_up(self, **registers: int) -> None:
-        """Check the chip's ID, then write registers by name; SpiError."""
+        """Check the chip's ID, then write registers by name; SpiError, InputError for an unknown name."""
+        if unknown := registers.keys() - rm.REGISTERS.keys():
+            raise InputError("set_up", "register", min(unknown), ", ".join(rm.REGISTERS))
         if (found := self.read(rm.ID)) != rm.REGISTERS["ID"].reset:
             raise OtherChip(f"ID is 0x{found:04X}")
         for name, value in registers.items():

@@ -43,6 +43,10 @@ typedef unsigned long long tick_t;
 /* `solve` up to time `to` with these edges; 0, or a failure which only its owner understands */
 typedef int solve_t(double to, int n_edge, const int *source, const double *time, const double *level, double *sample);
 
+/* of lockstep.c */
+solve_t lockstep_advance;
+double lockstep_beyond(int probe, double above, int upwards);
+
 enum state { IDLE, RUNNING, ENDED, WRONG, UNSOLVED }; /* WRONG: text has the reason; UNSOLVED: code is of the half */
 enum kind { BITS, CODE, REAL };                       /* a source a bit; one source for the number, or for the real value */
 
@@ -86,9 +90,11 @@ static struct {
     tick_t event_tick; /* of the event that the half has been solved up to */
     double event;
     bool landed; /* it is a crossing */
+    bool near;   /* it is a clock edge, and the HDL was told of a crossing one unit before */
 
     int source[MAX_EDGES], n_edge;
     double time[MAX_EDGES], level[MAX_EDGES], sample[MAX_EDGES];
+    double t1, t2, v1[MAX_EDGES], v2[MAX_EDGES]; /* the samples before, and before these */
 
     int n_sample, traced; /* samples that are kept at each event, and words of nets and outputs, at each clock edge */
     double *samples;
@@ -218,6 +224,7 @@ static PLI_INT32 on_change(p_cb_data data)
     tick_t tick = ticks();
     if (lp.state != RUNNING)
         return 0;
+    tick += lp.near && tick + 1 == lp.event_tick;
     if (tick < lp.event_tick) {
         snprintf(lp.text, TEXT_BYTES, "%s changed at %.9g s, between events: the last was settled, the next is at %.9g s",
                  net->name, seconds(tick), lp.event);
@@ -280,10 +287,22 @@ static void set(struct output *out, int i, bool value)
     out->bits[i / 32] = (out->bits[i / 32] & ~(1u << i % 32)) | (PLI_UINT32)value << i % 32;
 }
 
-static void tell(void)
+static bool unsent(const struct output *out) { return memcmp(out->bits, out->sent, sizeof out->bits) != 0; }
+
+/* Number of comparators that the HDL has to be told of as crossings. */
+static int pending(void)
+{
+    int bits = 0;
+    for (const struct output *out = lp.output; out < lp.output + lp.n_output; out++)
+        for (int w = 0; out->crossing && w < out->words; w++)
+            bits += __builtin_popcount(out->bits[w] ^ out->sent[w]);
+    return bits;
+}
+
+static void tell(bool crossings)
 {
     for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
-        if (memcmp(out->bits, out->sent, sizeof out->bits)) {
+        if (unsent(out) && (crossings || !out->crossing)) {
             memcpy(out->sent, out->bits, sizeof out->bits);
             put(out->handle, out->bits, out->words);
         }
@@ -297,49 +316,62 @@ static double until(double rest, double slope, double bend)
     return speed > 0.0 ? 2.0 * rest / speed : HUGE_VAL;
 }
 
+/* Time to the crossing of bit i, which is `rest` away; with no parabola where the slope may have changed in between. */
+static double predict(const struct output *out, int i, double rest, bool parabola)
+{
+    int p = out->first + i;
+    double sign = high(out, i) ? 1.0 : -1.0, slope = sign * (lp.sample[p] - lp.v1[p]) / (lp.now - lp.t1), bend = 0.0;
+    if (parabola) {
+        bend = 2.0 * (slope - sign * (lp.v1[p] - lp.v2[p]) / (lp.t1 - lp.t2)) / (lp.now - lp.t2);
+        slope += 0.5 * bend * (lp.now - lp.t1);
+    }
+    double go = until(rest, slope, bend); /* short of it until the prediction is as good as LANDED_V */
+    return fmax(rest < NEAR_V ? go : 0.9 * go, 32.0 * 2.22e-16 * lp.now);
+}
+
 /* Solve towards `to` and stop on the first crossing; the bits that crossed are then the new ones. */
 static bool approach(double to, bool *crossed)
 {
-    static double v1[MAX_EDGES], v2[MAX_EDGES]; /* the samples before, and before these, at t1 and t2 */
-    double h = lp.first_step, t1 = lp.now, t2 = lp.now;
+    double h = lp.first_step;
+    for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
+        for (int i = 0; out->crossing && i < out->width; i++) /* a capacitor goes on with its slope after an event */
+            if (lp.clear[out->first + i] && lp.now > lp.t1)
+                h = fmin(h, predict(out, i, left(out, i), false));
     for (int points = 1; !*crossed && lp.now < to; points++) {
         double at = lp.now + h;
         for (int e = 0; e < lp.n_edge; e++)
             at = fmax(at, lp.time[e]);
         if (to - at < 1e-3 * h)
             at = to;
-        t2 = t1, t1 = lp.now;
-        memcpy(v2, v1, sizeof v2);
-        memcpy(v1, lp.sample, sizeof v1);
+        lp.t2 = lp.t1, lp.t1 = lp.now;
+        memcpy(lp.v2, lp.v1, sizeof lp.v2);
+        memcpy(lp.v1, lp.sample, sizeof lp.v1);
         if (!solve(at))
             return false;
         h = points < 3 ? lp.first_step : fmin(2.0 * fmax(h, lp.first_step), lp.step);
         for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
             for (int i = 0; out->crossing && i < out->width; i++) {
                 int p = out->first + i;
-                double rest = left(out, i), sign = high(out, i) ? 1.0 : -1.0;
+                double rest = left(out, i), past = -rest;
                 if (!lp.clear[p] && rest >= -CLEAR_V) {
                     lp.clear[p] = rest > CLEAR_V;
                     continue;
                 }
+                if (lp.solve == lockstep_advance) /* a pulse may be over before `at` */
+                    past = fmax(past, lockstep_beyond(p, lp.above[p], !high(out, i)));
+                if (past > NEAR_V) {
+                    lp.overshoot = fmax(lp.overshoot, past);
+                    snprintf(lp.text, TEXT_BYTES, "%s: bit %d passed %.9g V by %.3g V at %.9g s: use a smaller step_s",
+                             out->name, i, lp.above[p], past, at);
+                    return stop(WRONG), false;
+                }
                 if (rest <= LANDED_V + 1e-15 * fabs(lp.above[p])) {
-                    lp.overshoot = fmax(lp.overshoot, -rest);
-                    if (-rest > NEAR_V) {
-                        snprintf(lp.text, TEXT_BYTES, "%s: bit %d passed %.9g V by %.3g V at %.9g s: use a smaller step_s",
-                                 out->name, i, lp.above[p], -rest, at);
-                        return stop(WRONG), false;
-                    }
+                    lp.overshoot = fmax(lp.overshoot, past);
                     set(out, i, !high(out, i));
                     lp.clear[p] = false, *crossed = true;
                     continue;
                 }
-                double slope = sign * (lp.sample[p] - v1[p]) / (at - t1), bend = 0.0;
-                if (points > 1) {
-                    bend = 2.0 * (slope - sign * (v1[p] - v2[p]) / (t1 - t2)) / (at - t2);
-                    slope += 0.5 * bend * (at - t1);
-                }
-                double go = until(rest, slope, bend); /* short of it until the prediction is as good as LANDED_V */
-                h = fmin(h, fmax(rest < NEAR_V ? go : 0.9 * go, 32.0 * 2.22e-16 * at));
+                h = fmin(h, predict(out, i, rest, points > 1));
             }
     }
     return true;
@@ -353,11 +385,12 @@ static PLI_INT32 on_crossing(p_cb_data data)
     lp.callback = NULL;
     if (lp.state != RUNNING)
         return 0;
-    lp.event_tick = ticks();
-    s_vpi_time delay = {.type = vpiSimTime, .high = (PLI_UINT32)(lp.settle >> 32), .low = (PLI_UINT32)lp.settle};
+    tick_t wait = lp.settle + lp.near;
+    lp.event_tick = ticks() + lp.near;
+    s_vpi_time delay = {.type = vpiSimTime, .high = (PLI_UINT32)(wait >> 32), .low = (PLI_UINT32)wait};
     s_cb_data next = {.reason = cbAfterDelay, .cb_rtn = look, .time = &delay};
     lp.callback = vpi_register_cb(&next); /* before the outputs: in Icarus what waits for them runs at once */
-    tell();
+    tell(true);
     return 0;
 }
 
@@ -376,7 +409,7 @@ static int proceed(void)
     double to = next ? seconds(next) : lp.now + lp.idle;
     bool crossed = false; /* and each turn of the loop begins at an event */
     tick_t at = next;
-    while (lp.now < to || lp.n_edge) {
+    for (int before = 0; lp.now < to || lp.n_edge;) {
         if (!(lp.n_crossing ? approach(to, &crossed) : solve(to)))
             return 0;
         if (!crossed)
@@ -387,6 +420,11 @@ static int proceed(void)
         if (!next || at + lp.settle + 1 < next)
             break;
         crossed = false, at = next; /* so near the clock edge that it belongs to it */
+        if (pending() <= before) {
+            snprintf(lp.text, TEXT_BYTES, "a comparator crossed twice within settle_s before the clock edge at %.9g s", to);
+            return stop(WRONG);
+        }
+        before = pending();
     }
     for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
         for (int i = 0; !out->crossing && !crossed && i < out->width; i++)
@@ -398,13 +436,31 @@ static int proceed(void)
         if (lp.clock[k].next == at)
             lp.clock[k].next += lp.clock[k].period;
     keep();
+    lp.near = next && !crossed && pending();
     tick_t wait = at - tick + (crossed ? 0 : lp.settle);
+    if (lp.near)
+        wait = at - tick - 1;
     s_vpi_time delay = {.type = vpiSimTime, .high = (PLI_UINT32)(wait >> 32), .low = (PLI_UINT32)wait};
-    s_cb_data later = {.reason = cbAfterDelay, .cb_rtn = crossed ? on_crossing : look, .time = &delay};
+    s_cb_data later = {.reason = cbAfterDelay, .cb_rtn = crossed || lp.near ? on_crossing : look, .time = &delay};
     lp.callback = vpi_register_cb(&later);
     if (!crossed)
-        tell();
+        tell(false);
     return 0;
+}
+
+/* False for an output that something else drives as well. */
+static bool ours(const struct output *out)
+{
+    s_vpi_value value = {.format = vpiVectorVal};
+    vpi_get_value(out->handle, &value);
+    for (int i = 0; i < out->width; i++) {
+        const s_vpi_vecval *word = &value.value.vector[i / 32];
+        if ((((PLI_UINT32)word->aval ^ out->sent[i / 32]) | (PLI_UINT32)word->bval) >> i % 32 & 1) {
+            snprintf(lp.text, TEXT_BYTES, "%s is not as the circuit set it at %.9g s: something else drives it", out->name, lp.event);
+            return false;
+        }
+    }
+    return true;
 }
 
 static PLI_INT32 look(p_cb_data data)
@@ -413,6 +469,9 @@ static PLI_INT32 look(p_cb_data data)
     lp.callback = NULL;
     if (lp.state != RUNNING)
         return 0;
+    for (const struct output *out = lp.output; !lp.end && out < lp.output + lp.n_output; out++) /* the chip's are its inputs */
+        if (!ours(out))
+            return stop(WRONG);
     for (struct net *net = lp.net; net < lp.net + lp.n_net; net++) {
         if (net->kind == REAL && !net->moved) { /* Verilator 5.49 does not call back for a real net */
             read_net(net);
@@ -533,8 +592,8 @@ int loop_arm(solve_t *half, double base, long long ticks_of_base, long long befo
     lp.solve = half, lp.base = base, lp.base_ticks = (tick_t)ticks_of_base, lp.settle = (tick_t)settle;
     lp.origin = lp.event_tick = ticks() - (tick_t)before;
     lp.at = 0, lp.end = end, lp.step = step, lp.first_step = first_step, lp.idle = idle;
-    lp.now = lp.event = lp.overshoot = 0.0;
-    lp.landed = false;
+    lp.now = lp.event = lp.overshoot = lp.t1 = lp.t2 = 0.0;
+    lp.landed = lp.near = false;
     lp.n_edge = 0, lp.rows = lp.room = 0;
     lp.n_sample = samples, lp.traced = 0;
     free(lp.samples);

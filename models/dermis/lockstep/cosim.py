@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import math
+import re
 from asyncio import CancelledError
 from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.errors import InputError
+from dermis.lockstep import netlist_faults
 from dermis.lockstep.clock_loop import ClockLoop, DrivenClock, Net, Output, Timebase, unit_s
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
@@ -84,6 +86,7 @@ class Cosim:
     probes : nodes that are in `samples` as well
     step_s : largest step of ngspice; the shortest period by default
     settle_s : nets that change up to so long after a clock edge or crossing (a delay in the Verilog) are exact as well
+    both_edges : nets change, and comparators are read, at falling edges of the clocks as well
     log : file for the messages of ngspice
 
     Attributes
@@ -110,33 +113,40 @@ class Cosim:
         probes: Sequence[str] = (),
         step_s: float | None = None,
         settle_s: float = 0.0,
+        both_edges: bool = False,
         log: str | Path = "ngspice.log",
     ) -> None:
         text = str(netlist)
         self._file = "netlist" if "\n" in text else text
         if "\n" not in text:
             try:
-                text = Path(text).read_text()
+                text = _with_paths(Path(text).read_text(errors="replace"), Path(text).resolve().parent)
             except OSError as error:
                 raise self._wrong("netlist", text, f"a file, or text: {error.strerror}") from None
-        self._lines = [line for line in text.splitlines() if line.strip().lower() != ".end"]
+        self._lines = re.split(r"\n[ \t]*\.end\b", text, maxsplit=1, flags=re.IGNORECASE)[0].splitlines()
         if isinstance(clock, str):
             if period_s is None:
                 raise self._wrong("period_s", None, f"the period of {clock} in seconds")
             clock = {clock: period_s}
         self._clocks = dict(clock or {})
         shortest = min(self._clocks.values(), default=math.inf)
+        self._both_edges = both_edges
         self._step_s = shortest if step_s is None else step_s
         if not 0.0 < self._step_s < math.inf or shortest <= 0.0:
             raise self._wrong("step_s, period_s", (step_s, period_s), "times above 0; without a clock step_s")
         self._inputs = dict(inputs)
         self._outputs = {net: (c,) if isinstance(c, Compare) else tuple(c) for net, c in outputs.items()}
         for net, drive in inputs.items():
-            if not 0.0 < drive.edge_s < shortest:
-                raise self._wrong(f"{net}: edge_s", drive.edge_s, "above 0 and below the period")
+            if not 0.0 < drive.edge_s < (0.5 * shortest if both_edges else shortest):
+                raise self._wrong(f"{net}: edge_s", drive.edge_s, "above 0 and below the time between edges")
         for net, bits in self._outputs.items():
             if len({bit.crossing for bit in bits}) != 1:
                 raise self._wrong(net, bits, "bits that all, or none of them, are crossings")
+        levels = {net: (drive.low, drive.high) for net, drive in inputs.items()}
+        levels |= {net: tuple(bit.above for bit in bits) for net, bits in self._outputs.items()}
+        for key, values in {**levels, "clock, settle_s": (*self._clocks.values(), settle_s)}.items():
+            if not all(map(math.isfinite, values)) or settle_s < 0.0:
+                raise self._wrong(key, values, "finite numbers; settle_s from 0")
         self._reset = Reset(reset) if isinstance(reset, str) else reset
         self._nodes = [c.node for bits in self._outputs.values() for c in bits] + list(probes)
         self._settle_s, self._log = settle_s, Path(log)
@@ -163,6 +173,36 @@ class Cosim:
         import cocotb
         from cocotb.triggers import Timer
 
+        with ExitStack() as at_end:
+            loop, half, time = await self._ready(dut, at_end)
+
+            async def watch() -> None:
+                longest = max((p for _, p in time.clocks), default=math.ceil(time.step_s / time.base_s))
+                while True:
+                    await Timer(256 * longest, unit="step")
+                    loop.require()
+
+            loop.arm(half, time, samples=len(self._nodes))
+            try:
+                at_end.callback(cocotb.start_soon(watch()).cancel)
+                yield self
+            except CancelledError:
+                raise
+            except BaseException:
+                loop.require()  # the cause of whatever failed in the block
+                raise
+            else:
+                loop.require()
+            finally:
+                self.times, table = loop.samples()
+                self.samples = dict(zip(self._nodes, table.T, strict=True))
+                self.overshoot_v = loop.overshoot_v
+
+    async def _ready(self, dut: Any, at_end: ExitStack) -> tuple[ClockLoop, NgspiceHalf, Timebase]:
+        """Start the clocks, reset the Verilog and load the circuit; `at_end` takes all back."""
+        import cocotb
+        from cocotb.triggers import Timer
+
         handles = {net: self._handle(dut, net) for net in (*self._inputs, *self._outputs, *self._clocks)}
         nets, sources = self._nets(handles)
         loop = ClockLoop(nets, self._output_nets(handles))
@@ -174,10 +214,12 @@ class Cosim:
             if not units or (len(periods) > 1 and abs(units - exact) > 1e-9 * exact):
                 allowed = f"an even multiple of the simulator's unit of time, {unit:g} s"
                 raise self._wrong(f"clock {net}", self._clocks[net], allowed)
+        between = [units // 2 if self._both_edges else units for units in periods.values()]
         for net in self._outputs:
             handles[net].value = 0
         began = cocotb.utils.get_sim_time("step")
-        clocks = [DrivenClock(handles[net], units // 2) for net, units in periods.items()]
+        for net, units in periods.items():
+            at_end.callback(DrivenClock(handles[net], units // 2).stop)
         longest = max(periods.values(), default=math.ceil(self._step_s / unit))
         if self._reset is not None:
             reset = self._handle(dut, self._reset.net)
@@ -185,15 +227,21 @@ class Cosim:
             await Timer(RESET_CLOCKS * longest, unit="step")
             reset.value = 1 - self._reset.active
         settle = 1 + math.ceil(self._settle_s / unit)
+        # comparators that are crossings settle before the first edge
+        ahead = settle if any(bits[0].crossing for bits in self._outputs.values()) else 0
+        if ahead and between and 2 * settle >= min(between):
+            allowed = "below half of the time between edges, for comparators that are crossings"
+            raise self._wrong("settle_s", self._settle_s, allowed)
         await Timer(settle, unit="step")
         for _ in range(longest):
             since = cocotb.utils.get_sim_time("step") - began
-            # from the last rising edge of each clock to now
-            passed = [(since + units // 2) % units for units in periods.values()]
-            if all(settle <= past for past in passed):
+            # from the last edge of each clock to now
+            half_periods = (units // 2 for units in periods.values())
+            passed = [(since + half) % gap for half, gap in zip(half_periods, between, strict=True)]
+            if all(settle <= past < gap - ahead for past, gap in zip(passed, between, strict=True)):
                 break
             await Timer(1, unit="step")
-        first = [units - past for units, past in zip(periods.values(), passed, strict=True)]
+        first = [gap - past for gap, past in zip(between, passed, strict=True)]
         base, base_s = 1, unit
         if len(periods) == 1:
             ((net, base),) = periods.items()
@@ -203,40 +251,15 @@ class Cosim:
             base_s,
             base,
             settle,
-            tuple(zip(first, periods.values(), strict=True)),
+            tuple(zip(first, between, strict=True)),
             self._step_s,
             0.125 * min((drive.edge_s for drive in self._inputs.values()), default=self._step_s),
             IDLE_STEPS * self._step_s,
         )
         half = self._circuit(loop.levels(len(sources)), sources)
-
-        async def watch() -> None:
-            while True:
-                await Timer(256 * longest, unit="step")
-                loop.require()
-
-        watcher = None
-        try:
-            loop.arm(half, time, samples=len(self._nodes))
-            watcher = cocotb.start_soon(watch())
-            yield self
-        except CancelledError:
-            raise
-        except BaseException:
-            loop.require()  # the cause of whatever failed in the block
-            raise
-        else:
-            loop.require()
-        finally:
-            if watcher is not None:
-                watcher.cancel()
-                self.times, table = loop.samples()
-                self.samples = dict(zip(self._nodes, table.T, strict=True))
-                self.overshoot_v = loop.overshoot_v
-            loop.stop()
-            half.abandon()
-            for clock in clocks:
-                clock.stop()
+        at_end.callback(half.abandon)
+        at_end.callback(loop.stop)
+        return loop, half, time
 
     def _handle(self, dut: Any, net: str) -> Any:
         top, *names = net.split(".")
@@ -260,6 +283,11 @@ class Cosim:
             if kind == "bits" and len(own) != width:
                 raise self._wrong(name, own, f"one source, or {width}")
             nets.append(Net(handle._path, len(sources), drive.low, drive.high, kind))
+            taken = [source.lower() for source, _ in sources]
+            for source in own:
+                if source.lower() in taken:
+                    raise self._wrong(name, source, "a source that no other bit drives")
+                taken.append(source.lower())
             sources += [(source, drive) for source in own]
         return nets, sources
 
@@ -268,6 +296,8 @@ class Cosim:
         first = 0
         for name, bits in self._outputs.items():
             crossing = bits[0].crossing or not self._clocks
+            if isinstance(handles[name].value, float):
+                raise self._wrong(name, "a real net", "a net of bits, one for each Compare")
             nets.append(Output(handles[name]._path, first, tuple(bit.above for bit in bits), crossing))
             first += len(bits)
         return nets
@@ -281,6 +311,19 @@ class Cosim:
             tuple(drive.abrupt for _, drive in sources),
             tuple(self._nodes),
             edges_s=edges_s,
+            breaks=netlist_faults.breaks(self._lines),
         )
         shortest = min(edges_s, default=self._step_s)
         return NgspiceHalf(deck, t_edge_s=shortest, t_max_step_s=self._step_s, t_stop_s=END_S, log=self._log)
+
+
+def _with_paths(text: str, folder: Path) -> str:
+    """Return a netlist with whole paths of included files in its own folder; ngspice looks in the working folder."""
+
+    def whole(found: re.Match[str]) -> str:
+        file = folder / found[2].strip("\"'")
+        return f'{found[1]}"{file}"' if file.is_file() else found[0]
+
+    return re.sub(
+        r"^([ \t]*\.(?:inc\w*|lib)[ \t]+)(\"[^\"\n]+\"|'[^'\n]+'|\S+)", whole, text, flags=re.I | re.M
+    )

@@ -27,7 +27,7 @@
 #define MAX_CORNERS (2 * MAX_SOURCES + 8)
 #define TEXT_BYTES 4096
 
-/* ABORTED: ngspice gave the transient up and has returned, so this process can have another circuit; FAILED: it cannot */
+/* ABORTED: ngspice gave the transient up and has returned; FAILED: the circuit cannot go on, but there may be another */
 enum state { CLOSED, READY, RUNNING, ENDED, ABORTED, FAILED };
 
 struct source {
@@ -51,6 +51,7 @@ static struct {
     char probe_name[MAX_SOURCES][64];
     int probe_vector[MAX_SOURCES], n_probe;
     double probe[MAX_SOURCES];
+    double low[MAX_SOURCES], high[MAX_SOURCES]; /* of each probe since the last advance began */
     double late[MAX_SOURCES], delay[MAX_SOURCES]; /* by probe, and the different ones of these, longest first */
     int n_delay;
 
@@ -60,8 +61,10 @@ static struct {
     bool started; /* the operating point stands: what ngspice says of time is time of the transient */
     bool sampled; /* the probes have had a value; with initial conditions there is none at time 0 */
     bool loading, refused; /* the deck is being read, and ngspice found an error in it, which its return code does not say */
-    bool multistep; /* Gear's formula integrates */
+    bool own_steps; /* no step is longer than ngspice asks for: Gear's formula integrates, or ngspice has other breakpoints */
     bool poisoned; /* sources are NaN, so that ngspice gives up */
+    bool waiting;  /* ngspice is in a transient and its caller has control */
+    bool gone;     /* ngspice wished to end the process, and takes no other circuit */
 
     double t_now, t_data, t_asked, t_target, t_max_step, t_stop;
     double t_edge, t_corner; /* of an abrupt source; time of the last corner of a source */
@@ -116,6 +119,7 @@ static int on_exit_wish(int status, NG_BOOL immediate, NG_BOOL quit, int id, voi
     size_t used = strlen(ls.trouble);
     snprintf(ls.trouble + used, TEXT_BYTES - used, "%sngspice gave up (status %d)", used ? "; " : "", status);
     ls.state = FAILED;
+    ls.gone = true;
     if (ls.log)
         fflush(ls.log);
     return 0;
@@ -178,6 +182,9 @@ static int on_source(double *value, double t, char *name, int id, void *user)
 /* times this close are one: four operations on a time each round it by half an ulp; ngspice takes 100 ulp as one */
 static double ulps(double t) { return 8.0 * 2.220446049250313e-16 * fmax(fabs(t), 1e-12); }
 
+/* Times this close are one: a step between them would be near ngspice's smallest, 1e-11 of the largest. */
+static double tiny(void) { return 1e-10 * ls.t_max_step; }
+
 static void add_corner(double t)
 {
     int i = ls.n_corner;
@@ -213,7 +220,9 @@ static void meet(double t)
     ls.t_now = t;
     while (t >= ls.t_target - ulps(t)) {
         int before = ls.n_corner;
+        ls.waiting = true;
         swapcontext(&ls.runner, &ls.caller);
+        ls.waiting = false;
         if (ls.poisoned)
             return;
         ls.met = true;
@@ -260,7 +269,7 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
     ls.first_of_kind = landed;
     if (landed && ls.kind != AFTER_SAMPLE)
         ls.t_corner = t;
-    if (landed && !ls.multistep) {
+    if (landed && !ls.own_steps) {
         /* ngspice at most doubles a step, so after a ramp of 1 ns it would need eight steps for a clock period;
            start instead with what was accepted at the same place last time, and let it be a little bolder. Gear's formula, which looks back two steps,
            is unstable where a step is more than 1 + sqrt(2) times the last. */
@@ -273,7 +282,7 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
     }
     if (ls.accepted < 4) /* ngspice starts with backward Euler; be past it before the first edge */
         *delta = fmin(*delta, 0.2 * left);
-    if (*delta > 0.999 * left) /* a step that misses the corner by rounding would be halved for ever */
+    if (*delta > left - (ls.own_steps ? tiny() : 1e-3 * left)) /* a step that misses the corner by rounding would be halved for ever */
         *delta = left;
     else if (1.9 * *delta > left)
         *delta = 0.5 * left;
@@ -305,6 +314,8 @@ static int on_data(pvecvaluesall all, int count, int id, void *user)
     for (int p = 0; p < ls.n_probe; p++)
         if (ls.probe_vector[p] >= 0)
             ls.probe[p] = all->vecsa[ls.probe_vector[p]]->creal;
+    for (int p = 0; p < ls.n_probe; p++)
+        ls.low[p] = fmin(ls.low[p], ls.probe[p]), ls.high[p] = fmax(ls.high[p], ls.probe[p]);
     for (int v = 0; v < all->veccount; v++)
         if (all->vecsa[v]->is_scale)
             ls.t_data = all->vecsa[v]->creal;
@@ -339,6 +350,8 @@ static void run(void)
 const char *lockstep_error(void) { return ls.error; }
 double lockstep_time(void) { return ls.t_now; }
 int lockstep_started(void) { return ls.started; }
+/* How far a probe was above a threshold, or below it, at any time point since the last advance began; negative if it was not. */
+double lockstep_beyond(int p, double above, int upwards) { return upwards ? ls.high[p] - above : above - ls.low[p]; }
 long lockstep_accepted(void) { return ls.accepted; }
 long lockstep_rejected(void) { return ls.rejected; }
 long lockstep_loads(void) { return ls.n_source ? ls.loads / ls.n_source : 0; }
@@ -354,6 +367,21 @@ static int fail(const char *what)
     return -1;
 }
 
+/* The circuit was loaded and ngspice has no solution: -2, and the process can have another circuit; -1 if it cannot. */
+static int give_up(const char *what)
+{
+    if (ls.waiting) { /* with sources that are no number it returns by itself: its smallest step does not converge */
+        ls.state = RUNNING, ls.poisoned = true;
+        swapcontext(&ls.caller, &ls.runner);
+    }
+    bool returned = ls.state == ENDED || ls.state == ABORTED;
+    fail(what);
+    if (!returned)
+        return -1;
+    ls.state = ABORTED;
+    return -2;
+}
+
 /* What `lockstep_open` takes; ngspice.py has the same fields. `start`: a command to ngspice behind the deck, which says how it
    looks for the operating point. t_edges: how long edges of each source last. */
 struct circuit {
@@ -361,7 +389,7 @@ struct circuit {
     const double *levels, *t_edges;
     const int *abrupt;
     double t_edge, t_max_step, t_stop, growth;
-    int n_lines, n_source, n_probe, recording, use_ic, multistep;
+    int n_lines, n_source, n_probe, recording, use_ic, own_steps;
 };
 
 int lockstep_open(const struct circuit *of)
@@ -369,8 +397,12 @@ int lockstep_open(const struct circuit *of)
     static bool initialised;
     static int ident;
     int n_source = of->n_source, n_probe = of->n_probe;
-    if (ls.state == RUNNING || ls.state == FAILED)
-        return fail("this process has had a circuit that did not come to its end");
+    if (ls.state == RUNNING)
+        return fail("this process has another circuit that did not come to its end");
+    if (ls.waiting) /* the last circuit failed */
+        give_up("the transient was given up");
+    if (ls.waiting || ls.gone)
+        return fail("ngspice takes no other circuit in this process");
     if (n_source > MAX_SOURCES || n_probe > MAX_SOURCES)
         return fail("too many sources or probes");
     if (ls.log)
@@ -403,7 +435,7 @@ int lockstep_open(const struct circuit *of)
     ls.t_target = 0.0;
     ls.started = of->use_ic != 0;
     ls.sampled = ls.poisoned = false;
-    ls.multistep = of->multistep != 0;
+    ls.own_steps = of->own_steps != 0;
     ls.t_max_step = of->t_max_step;
     ls.t_edge = of->t_edge;
     ls.t_corner = 0.0;
@@ -456,21 +488,6 @@ int lockstep_open(const struct circuit *of)
     return 0;
 }
 
-/* The circuit was loaded and ngspice has no solution: -2, and the process can have another circuit; -1 if it cannot. */
-static int give_up(const char *what)
-{
-    if (ls.state == RUNNING) { /* with sources that are no number it returns by itself: its smallest step does not converge */
-        ls.poisoned = true;
-        swapcontext(&ls.caller, &ls.runner);
-    }
-    bool returned = ls.state == ENDED || ls.state == ABORTED;
-    fail(what);
-    if (!returned)
-        return -1;
-    ls.state = ABORTED;
-    return -2;
-}
-
 /* Where every node stands in the operating point that the start command leads to, sources at their levels: a line
    "name value" each, in `text`. It may come from a hidden transient, so it is a guess, to be confirmed by another circuit. */
 int lockstep_operating_point(char *text, int room)
@@ -517,8 +534,10 @@ static int solve(double after, double to, bool early, int n_edge, const int *edg
             continue;
         if (edge_source[i] < 0 || edge_source[i] >= ls.n_source || t < ls.t_now - ulps(t) || t > to)
             return fail("an edge lies outside the interval");
-        if (t < s->t + s->t_edge - ulps(t))
+        if (t < s->t + s->t_edge - ulps(t)) {
+            snprintf(ls.trouble, TEXT_BYTES, "%.60s at %.9g s", s->name, t);
             return fail("an edge begins before the last one of its source has ended");
+        }
         if (ls.n_corner + 2 > MAX_CORNERS)
             return fail("too many edges in one interval");
         s->from = level(s, t);
@@ -566,9 +585,6 @@ static int solve(double after, double to, bool early, int n_edge, const int *edg
     return 0;
 }
 
-/* Times this close are one for probes: a step between them would be near ngspice's smallest, 1e-11 of the largest. */
-static double tiny(void) { return 1e-10 * ls.t_max_step; }
-
 /* Probe i is from now on sampled late[i] seconds earlier, on a time point. */
 void lockstep_late(const double *late)
 {
@@ -591,6 +607,8 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
                      double *samples)
 {
     double after = -HUGE_VAL;
+    for (int p = 0; p < ls.n_probe; p++)
+        ls.low[p] = HUGE_VAL, ls.high[p] = -HUGE_VAL;
     for (int i = 0; i <= ls.n_delay; i++) {
         double late = i < ls.n_delay ? ls.delay[i] : 0.0, at = to - late;
         if (late > 0.0 && at < ls.t_asked - tiny() && ls.t_asked > 0.0) {

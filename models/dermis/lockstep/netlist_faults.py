@@ -11,7 +11,9 @@ from pathlib import Path
 from dermis.errors import InputError
 
 _OPENS, _CLOSES = (".subckt", ".if"), (".ends", ".endif")
-_WATCHED = re.compile(r"[vi]|\.(control|subckt|ends|if|endif|inc)", re.IGNORECASE)
+_WATCHED = re.compile(r"[viatoyp]|\.(control|subckt|ends|if|endif|inc|lib)", re.IGNORECASE)
+_BREAKS = re.compile(r"[atoyp]|\.lib|[vi].*[\s=](pulse|pwl|exp|pat|trnoise|trrandom)\b", re.IGNORECASE)
+"""Cards of sources with corners, delayed lines, digital events, and files that are not read here."""
 _INCLUDES = 10
 """Depth of files in files that is followed; ngspice ends a circle itself."""
 
@@ -43,6 +45,8 @@ def refuse(lines: Sequence[str]) -> None:
         name, ends, value = words[0], frozenset("0" if w == "gnd" else w for w in words[1:3]), words[3:]
         if name == ".control":
             raise InputError(*place, line, "no .control block: the co-simulation gives the commands")
+        if name[0] not in "vi.":
+            continue
         depth += name.startswith(_OPENS)
         depth -= name in _CLOSES
         if "external" in value and name[0] == "i":
@@ -56,8 +60,13 @@ def refuse(lines: Sequence[str]) -> None:
             raise InputError(*place, line, f"no voltage source in parallel with that of {other}")
 
 
+def breaks(lines: Sequence[str]) -> bool:
+    """Return True if ngspice may have breakpoints of its own in a netlist; `lines` as in `refuse`."""
+    return any(_BREAKS.match(card) for _, card in _cards(lines[1:], Path("netlist"), 2))
+
+
 def _cards(lines: Iterable[str], file: Path, first: int, depth: int = 0) -> Iterator[tuple[_Place, str]]:
-    """Yield the lines that `refuse` looks at, continued ones joined, with file and line."""
+    """Yield the lines that are looked at, continued ones joined, with file and line."""
     number, card = 0, ""
     for at, line in enumerate((*lines, ""), first):
         if line.startswith("*"):  # may stand before a continuation

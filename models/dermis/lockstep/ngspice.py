@@ -56,6 +56,7 @@ class Deck:
         for no such limit.
     late_s : time by which each probe is sampled earlier; empty for 0.
     edges_s : how long the edges of each source last, whatever the caller asks for; empty for no such wish.
+    breaks : ngspice may have breakpoints of its own (`netlist_faults.breaks`), so no step is longer than it asks for.
     """
 
     lines: tuple[str, ...]
@@ -68,6 +69,7 @@ class Deck:
     step_growth: float = 0.0
     late_s: tuple[float, ...] = ()
     edges_s: tuple[float, ...] = ()
+    breaks: bool = False
 
 
 def library() -> Path:
@@ -124,7 +126,7 @@ class _Circuit(ctypes.Structure):
         *((name, ctypes.c_double) for name in ("t_edge", "t_max_step", "t_stop", "growth")),
         *(
             (name, ctypes.c_int)
-            for name in ("n_lines", "n_source", "n_probe", "recording", "use_ic", "multistep")
+            for name in ("n_lines", "n_source", "n_probe", "recording", "use_ic", "own_steps")
         ),
     )
 
@@ -217,7 +219,7 @@ class NgspiceHalf:
         self._log_begins = log.stat().st_size if log.exists() else 0
         start = ladder.START[level.start]
         lines = [*deck.lines, *level.option_lines]
-        gear = any("method=gear" in "".join(line.lower().split()) for line in lines)
+        own_steps = deck.breaks or any("method=gear" in "".join(line.lower().split()) for line in lines)
         step_s = min(t_max_step_s, deck.longest_step_s)
         self._late_s = late_s
         shortest_s = min(t_edge_s, deck.longest_edge_s)
@@ -233,7 +235,7 @@ class NgspiceHalf:
                 t_edges=(ctypes.c_double * len(edges_s))(*edges_s), t_edge=t_edge_s,
                 probe_names=_texts(deck.probes), n_probe=len(deck.probes),
                 t_max_step=step_s, t_stop=t_stop_s, growth=deck.step_growth,
-                recording=record, use_ic=use_ic, multistep=gear,
+                recording=record, use_ic=use_ic, own_steps=own_steps,
             )  # fmt: skip
             if _lib.lockstep_open(circuit):
                 self._raise()

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ctypes
 import struct
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -201,3 +202,16 @@ def test_the_message_is_that_of_the_kernel(tmp_path: Path) -> None:
 def test_a_port_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="an SPI port of this machine"):
         Spidev(str(tmp_path / "spidev0.0"), 1_000_000)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: Host(lambda data, hold: data, tries=0), "numbers from 1"),
+        (lambda: Host(lambda data, hold: data, limit=0), "numbers from 1"),
+        (lambda: Host(lambda data, hold: data).set_up(GATE=510, GAIT=1), "GAIT"),
+    ],
+)
+def test_a_wrong_option_or_register_is_one_line(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        call()
