@@ -367,7 +367,10 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         if (steps <= 0).any():
             raise InputError(path, "frame", float(number[int(np.argmin(steps)) + 1]), "numbers that rise")
         if (lost := int((steps - 1).sum())) and (steps == 1).any():
-            warn(path, f"{counted(lost, 'frame')} lost, the first after frame {number[int(np.argmax(steps > 1))]:g}")
+            warn(
+                path,
+                f"{counted(lost, 'frame')} lost, the first after frame {number[int(np.argmax(steps > 1))]:g}",
+            )
     if layout.rate_hz is not None:
         number = np.arange(frames) if number is None else number - number[0]
         return number / layout.rate_hz, "option --rate"
