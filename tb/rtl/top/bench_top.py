@@ -528,6 +528,13 @@ async def wiring(dut: Any) -> None:
     await host.deselect()
     assert int(dut.spi_cipo_oe_o.value) == 0
 
+    # Nothing is counted after a reset; then a command that there is not.
+    assert [await host.run(spi.read_register(name)) for name in (rm.LOST, rm.SPI_ERRORS)] == [0, 0]
+    await host.select()
+    await host.exchange(bytes([0xFF, 0, 0]))
+    await host.deselect()
+    assert await host.run(spi.read_register(rm.SPI_ERRORS)) == 1
+
     # A chip that is enabled and has nothing to do does not scan.
     await write(rm.CONTROL, 0)
     dut.enable_i.value = 1
@@ -547,6 +554,7 @@ async def wiring(dut: Any) -> None:
     breaks = {after - before for (before, value), (after, _) in pairwise(whole) if not value}
     assert breaks == {p["BREAK_CLOCKS"] * chip.clock_ps}
     await wait_ready(chip, 4 * rows * (gate + settle))
+    assert await host.run(spi.read_register(rm.LOST)) > 0
     data = await host.run(spi.read_frame_bytes())
     assert len(data) > 512
     same(data, chip.expected(spi.parse_frame(data).number, gate))
@@ -581,20 +589,23 @@ async def wiring(dut: Any) -> None:
         rm.TEST_RATE, rate := 0x2AAA
     )  # 337.98 pulses in 2 028 clocks: any phase at their start makes one more
     counts = []
-    for full_min, broken in ((long // 2 - 1, 0), (long // 2 - 1, 1 << rows - 1), (long // 2 + 1, 0)):
+    await write(rm.DARK_MAX, long)
+    for full_min, broken, lit in (
+        (long // 2 - 1, 0, 1), (long // 2 - 1, 1 << rows - 1, 0), (long // 2 + 1, 0, 0)
+    ):  # fmt: skip
         await write(rm.FULL_MIN, full_min)
-        chip.broken_rows = broken
+        chip.broken_rows, chip.stuck_high = broken, lit
         frame = await shot(chip, host, TEST)
         assert frame.test
         counts.append(await host.run(spi.read_register(rm.TEST_COUNT)))
         faults = []
-        for first, lines in ((rm.ROW_FAULT, rows), (rm.FULL_FAULT, cols)):
+        for first, lines in ((rm.ROW_FAULT, rows), (rm.FULL_FAULT, cols), (rm.DARK_FAULT, cols)):
             words = [await host.run(spi.read_register(first + n)) for n in range((lines + 15) // 16)]
             faults.append(sum(word << 16 * n for n, word in enumerate(words)))
         wrong = 0 if full_min < long // 2 else (1 << cols) - 1
-        assert faults == [broken, wrong]
+        assert faults == [broken, wrong, 0]
         assert await status() & (TEST_DONE | FAULT) == TEST_DONE | FAULT * bool(broken or wrong)
-        chip.broken_rows = 0
+        chip.broken_rows = chip.stuck_high = 0
         assert (await shot(chip, host, SHOT)).fault == bool(broken or wrong)
     assert counts == [rate * long >> 16] * 3
 
