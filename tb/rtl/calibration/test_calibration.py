@@ -90,7 +90,8 @@ def test_mismatched_columns_are_calibrated_to_a_fraction_of_an_lsb_and_broken_on
 
     codes = np.array(seen["codes"])
     assert codes[..., :GOOD].min() >= 1, "a code below the pedestal is lost"
-    own = replace(exact, step_a=made.step_a, start_code=made.start_code)
+    step_a = np.where(np.array(made.verdict) == "ok", made.step_a, exact.step_a)
+    own = replace(exact, step_a=step_a, start_code=made.start_code)
     nominal = Calibration.of_plan(plan.make(without_mismatch(chip), "closed"))
     lsb_a = nominal.step_a
     want = column_currents(chip.network(0))
