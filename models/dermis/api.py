@@ -269,15 +269,8 @@ def _scene(
     tables: Mapping[str, Any] | None = None,
 ) -> Scene:
     """Resolve a scene with the changes of the caller."""
-    path = Path(_HERE)
-    if isinstance(scene, str | os.PathLike):
-        path = scenes.find(os.fspath(scene))
-        data = schema.read_toml(path)
-    elif scene is None or isinstance(scene, Mapping):
-        data = schema.plain(scene or {})
-    else:
-        allowed = "a path, a name or a dict; for arrays, force_n=... or resistance_ohm=..."
-        raise InputError(_HERE, "scene", f"a {type(scene).__name__}", allowed)
+    allowed = "a path, a name or a dict; for arrays, force_n=... or resistance_ohm=..."
+    path, data = scenes.tables_of(scene, _HERE, allowed)
     run = {name: value for name, value in (("engine", engine), ("seed", seed)) if value is not None}
     if given is not None:
         name, values = given
@@ -285,11 +278,7 @@ def _scene(
         if values.ndim in (2, 3):
             size = {"rows": values.shape[-2], "cols": values.shape[-1]}
             data = schema.merged({"array": size}, data)
-    for table in (schema.plain(tables or {}), {"run": run}, {"effects": schema.plain(effects or {})}):
-        data = schema.merged(data, table)
-    if empty := schema.empty(data):
-        raise InputError(path, empty, "None", "a value; leave the key out for its default")
-    table = schema.validate(scenes.SceneTable, data, path)
+    table = schema.validate(scenes.SceneTable, scenes.changed(data, path, tables, run, effects), path)
     if given is not None:
         stimulus = table.stimulus
         if not isinstance(stimulus, FramesTable | ResistanceTable):

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from dermis import effects as effect_registry
 from dermis import engines, machine_code, plan
 from dermis.array.array import column_currents
-from dermis.converter.vfc import W_PRESET
+from dermis.converter.vfc import W_PRESET, code_type
 from dermis.decode import crosstalk
 from dermis.decode.calibration import OVERLOAD, Calibration, sheet_factor
 from dermis.decode.calibration import load as load_calibration
@@ -31,7 +31,6 @@ from dermis.errors import InputError
 from dermis.machine_code import argument
 from dermis.records import Plan, random_of, setting_of
 from dermis.scene import scene as scenes
-from dermis.scene.schema import empty, merged, plain, read_toml
 from dermis.scene.sensor import InverseSensor, SensorState
 
 Floats = NDArray[np.float64]
@@ -443,7 +442,7 @@ class Skin:
             raise InputError(
                 "Skin", "calibration", f"of codes to {self.decoder.calibration.code_max}", allowed
             )
-        kind = engines.code_type(self._true.code_max)
+        kind = code_type(self._true.code_max)
         if out is None:
             out = np.empty(forces.shape, kind)
         check_out(out, forces.shape, kind, "out")
@@ -543,18 +542,7 @@ def _planned(
     tables: Mapping[str, Any],
 ) -> Plan:
     """Plan a scene by name, path or tables for engine closed, with changes; its stimulus is left out."""
-    path = Path("Skin")
-    if isinstance(scene, str | Path):
-        path = scenes.find(str(scene))
-        data = read_toml(path)
-    elif scene is None or isinstance(scene, Mapping):
-        data = plain(scene or {})
-    else:
-        raise InputError("Skin", "scene", f"a {type(scene).__name__}", "a path, a name, a dict or a plan")
-    run = {} if seed is None else {"seed": seed}
-    for table in (plain(tables), {"run": run}, {"effects": plain(effects or {})}):
-        data = merged(data, table)
-    if none := empty(data):
-        raise InputError(path, none, "None", "a value; leave the key out for its default")
+    path, data = scenes.tables_of(scene, "Skin", "a path, a name, a dict or a plan")
+    data = scenes.changed(data, path, tables, {} if seed is None else {"seed": seed}, effects)
     data["stimulus"] = {"kind": "uniform", "force_n": [0.0]}
     return plan.make(scenes.from_data(data, path), "closed")

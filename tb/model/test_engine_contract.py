@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from dermis import engines, plan
+from dermis.converter.vfc import code_type
 from dermis.engines import closed, event
 from dermis.records import Plan
 from dermis.scene import scene
@@ -50,7 +51,7 @@ def test_it_returns_codes_of_the_plan(engine: str) -> None:
     result = engines.run(made, slots.append)
     assert isinstance(result, engines.Result)
     assert result.codes.shape == made.resistance_ohm.shape
-    assert result.codes.dtype == engines.code_type(made.timing.code_max)
+    assert result.codes.dtype == code_type(made.timing.code_max)
     assert result.codes.max() <= made.timing.code_max
     assert slots == sorted(slots)
     assert slots[-1] == made.frames * made.rows

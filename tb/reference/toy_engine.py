@@ -13,7 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 from dermis.array.array import column_currents
-from dermis.engines import Result, code_type
+from dermis.converter.vfc import code_type
+from dermis.engines import Result
 from dermis.records import Plan
 
 # Fields of the records that `run` reads. A scene that needs any other is refused by name before it

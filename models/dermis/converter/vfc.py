@@ -305,6 +305,11 @@ def code(x: ArrayLike, clocks: int = 510, code_max: int = 255, **start: ArrayLik
     return np.minimum(count(x, clocks, **start), code_max)
 
 
+def code_type(code_max: int) -> type[np.unsignedinteger]:
+    """Type that holds the codes: bytes, or two of them where the design has more than 8 bits."""
+    return np.uint8 if code_max < 256 else np.uint16
+
+
 def count_restarting(x: ArrayLike, clocks: int = 512) -> NDArray[np.int64]:
     """Count of the paper's eq. (3): every cycle restarts at the threshold and lasts ceil(1/x) whole
     clocks.

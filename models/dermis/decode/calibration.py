@@ -17,7 +17,7 @@ from tomli_w import dumps
 
 from dermis import effects
 from dermis.array.array import Network
-from dermis.converter.vfc import W_PRESET, code
+from dermis.converter.vfc import W_PRESET, code, code_type
 from dermis.decode.crosstalk import CARRIED, CORRECTED
 from dermis.decode.law import KINDS, Curve, of_sensor
 from dermis.decode.memory import MemoryLaw
@@ -174,29 +174,11 @@ class Calibration:
     @classmethod
     def of_plan(cls, plan: Plan) -> Calibration:
         """Return the calibration that knows a plan's every parameter exactly; noise is 0."""
-        c, gate, table = plan.converter, plan.timing.gate_clocks, plan.scene.table
-        packet = 1.0 + c.packet_error
-        start = -W_PRESET + (c.v_comp_offset_v - c.preset_error_v) / c.packet_v()
-        step_a = c.k * c.i0_a * packet / (gate * c.gain)
-        packet_v = c.packet_v()
-        level = {
-            "w0": W_PRESET + c.preset_error_v / packet_v,
-            "packet": packet,
-            "threshold": c.v_comp_offset_v / packet_v,
-        }
         setting = setting_of(plan.scene)
         state = SensorState(**effects.gather(plan.scene.effects, setting).sensor)
         factor = sheet_factor(state, (plan.rows, plan.cols), setting.rng)
         creep_start_s = plan.scene.design.sensor.creep_start_s
-        read_out: dict[str, Any] = {
-            "code_max": plan.timing.code_max,
-            "zero_code": code(0.0 * packet, gate, plan.timing.code_max, **level).astype(float),
-            "full_code": code(packet / 2, gate, plan.timing.code_max, **level).astype(float),
-            "step_a": step_a,
-            "start_code": 0.5 - start / packet + gate * c.i_offset_a / (c.i0_a * packet),
-            "inv_i_range_a": c.inv_i_range_a,
-            "g_max_s": OVERLOAD * plan.timing.code_max * float(step_a.max()) / plan.v_bias_v,
-        }
+        read_out: dict[str, Any]
         if (board := plan.front_end) is not None:
             read_out = {
                 "code_max": board.full_scale,
@@ -209,10 +191,12 @@ class Calibration:
                 "falling": board.falling,
                 "divider": board.divider,
             }
+        else:
+            read_out = _of_chip(plan)
         return cls(
             rows=plan.rows,
             cols=plan.cols,
-            v_bias_v=table.interface.v_bias_v,
+            v_bias_v=plan.v_bias_v,
             **read_out,
             network=dict(plan.surrounding),
             curve=of_sensor(plan.sensor),
@@ -228,7 +212,7 @@ class Calibration:
     def codes_of(self, current_a: Floats) -> NDArray[np.unsignedinteger]:
         """Return the codes [..., cols] that a board reads of column currents in ampere, without compression."""
         codes = np.floor(current_a / self.step_a + self.start_code + 0.5).clip(0, self.code_max)
-        return self.rising(codes).astype(np.uint8 if self.code_max < 256 else np.uint16)
+        return self.rising(codes).astype(code_type(self.code_max))
 
     def array(self, mode: Mode | None = None) -> Network:
         """Return the network around the taxels, or the one that is off by a mode."""
@@ -242,14 +226,16 @@ class Calibration:
     def uncorrected_n(self, codes: NDArray) -> Floats:
         """Return the forces in newtons of codes [..., cols], each as if its taxel were alone and by the law."""
         current_a = np.maximum(self.step_a * (self.rising(codes) - self.start_code), 0.0)
-        left_v = self.v_bias_v - self.divider * current_a * self.array().r_column_ohm
-        return self.curve.force_n(current_a / np.maximum(left_v, 1e-9))
+        return self.curve.force_n(self._alone_s(current_a))
 
     def g_full_s(self) -> float:
         """Return the largest conductance in siemens of a taxel that alone reads full scale."""
-        current_a = self.full_code * self.step_a
-        left_v = self.v_bias_v - current_a * self.array().r_column_ohm * self.divider
-        return float(np.minimum(current_a / np.maximum(left_v, 1e-9), self.g_max_s).max())
+        return float(np.minimum(self._alone_s(self.full_code * self.step_a), self.g_max_s).max())
+
+    def _alone_s(self, current_a: Floats) -> Floats:
+        """Return the conductances of taxels that alone draw currents [..., cols]; a divider takes voltage from them."""
+        left_v = self.v_bias_v - self.divider * current_a * self.array().r_column_ohm
+        return current_a / np.maximum(left_v, 1e-9)
 
     def half_width_code(self) -> float:
         """Half the width in codes that quantisation and noise leave: beyond it lie `MISSED` of all readings.
@@ -305,6 +291,28 @@ class Calibration:
     def save(self, path: Path) -> None:
         """Write the calibration whole or not at all."""
         write_atomic(path, self.to_toml())
+
+
+def _of_chip(plan: Plan) -> dict[str, Any]:
+    """Return the fields of a calibration that say how the chip of a plan turns currents into codes."""
+    c, gate, code_max = plan.converter, plan.timing.gate_clocks, plan.timing.code_max
+    packet, packet_v = 1.0 + c.packet_error, c.packet_v()
+    start = -W_PRESET + (c.v_comp_offset_v - c.preset_error_v) / packet_v
+    step_a = c.k * c.i0_a * packet / (gate * c.gain)
+    level = {
+        "w0": W_PRESET + c.preset_error_v / packet_v,
+        "packet": packet,
+        "threshold": c.v_comp_offset_v / packet_v,
+    }
+    return {
+        "code_max": code_max,
+        "zero_code": code(0.0 * packet, gate, code_max, **level).astype(float),
+        "full_code": code(packet / 2, gate, code_max, **level).astype(float),
+        "step_a": step_a,
+        "start_code": 0.5 - start / packet + gate * c.i_offset_a / (c.i0_a * packet),
+        "inv_i_range_a": c.inv_i_range_a,
+        "g_max_s": OVERLOAD * code_max * float(step_a.max()) / plan.v_bias_v,
+    }
 
 
 def sheet_factor(

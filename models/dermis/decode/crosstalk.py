@@ -228,41 +228,24 @@ def converge(
         total[r] = 0.0
         for c in range(cols):
             total[r] += g[r, c]
-    lifted, heavy = np.zeros(cols), False
+    heavy = False
     for c in range(cols):
+        lifted = 0.0
         for r in range(rows):
-            lifted[c] += u[r, c] / v_bias
-        heavy = heavy or lifted[c] > HEAVY
+            lifted += u[r, c] / v_bias
+        heavy = heavy or lifted > HEAVY
     if heavy and g_ground == 0.0:
         return -1  # open rows float with the columns: `_newton` has to do it
-    if heavy:
-        out, tolerance = np.empty_like(g), max(tolerance, HEAVY_TOLERANCE)
-        for n in range(SWEEPS):
-            change, _, _ = _sweep(
-                g,
-                out,
-                total,
-                u,
-                taken,
-                v_bias,
-                r_driven,
-                g_ground,
-                through,
-                current,
-                most,
-                r_column,
-                g_lateral,
-            )
-            if change <= tolerance and np.isfinite(out.sum()):
-                return n + 1
-            _lift(g, out, u, v_bias, total)
-        return -SWEEPS
+    out = np.empty_like(g) if heavy else g
+    stop = max(tolerance, HEAVY_TOLERANCE) if heavy else tolerance
     for n in range(SWEEPS):
         change, _, _ = _sweep(
-            g, g, total, u, taken, v_bias, r_driven, g_ground, through, current, most, r_column, g_lateral
+            g, out, total, u, taken, v_bias, r_driven, g_ground, through, current, most, r_column, g_lateral
         )
-        if change <= tolerance:
+        if change <= stop and not (heavy and not np.isfinite(out.sum())):
             return n + 1
+        if heavy:
+            _lift(g, out, u, v_bias, total)
     return -SWEEPS
 
 

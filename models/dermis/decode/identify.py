@@ -213,6 +213,11 @@ class _NetworkFit:
     offset_v2: Floats
 
 
+def _conductances(calibration: Calibration, network: Network, currents: Floats) -> Floats:
+    """Return the conductances [frames, rows, cols] of currents in a network; dividers may need the slow solve."""
+    return crosstalk.solve(network, currents, None, calibration.divider).conductance_s
+
+
 def _fit_network(
     calibration: Calibration, currents: Floats, residual_of: Callable[[Floats], Floats], freedom: int
 ) -> _NetworkFit:
@@ -233,7 +238,7 @@ def _fit_network(
 
         def residual(x: Floats) -> Floats:
             network = dataclasses.replace(known, **fields(names, x))
-            solved = crosstalk.solve(network, currents, None, calibration.divider).conductance_s
+            solved = _conductances(calibration, network, currents)
             return np.r_[residual_of(solved), x[len(names) :] - 1]
 
         # x - 1 is relative to the start value, so that a step of differences is never 0.
@@ -354,7 +359,7 @@ def _fit_loads(
 
     def taxels(network: Network) -> tuple[Floats, Floats, Floats]:
         """Return conductances, effects of taxels and factors [rows x cols] with a network."""
-        g = crosstalk.solve(network, currents, None, calibration.divider).conductance_s
+        g = _conductances(calibration, network, currents)
         solution = np.linalg.lstsq(weight[:, None] * matrix, weight * np.log(g[used]), rcond=None)[0]
         factor = np.ones(codes[0].size)
         factor[names] = np.exp(solution[: names.size] - solution[: names.size].mean())
@@ -416,13 +421,8 @@ def _weight(calibration: Calibration, codes: Floats) -> Floats:
 
     A divider's resistor takes voltage from the taxel: a count at u of the bias is 1 / (1 - u) times as much.
     """
-    u = (
-        calibration.divider
-        * codes
-        * calibration.step_a
-        * calibration.array().r_column_ohm
-        / calibration.v_bias_v
-    )
+    lost_v = calibration.divider * codes * calibration.step_a * calibration.array().r_column_ohm
+    u = lost_v / calibration.v_bias_v
     return codes * np.sqrt(12) * np.maximum(1.0 - u, 1e-3)
 
 
@@ -540,8 +540,7 @@ def fit_memory(
     """
     codes, force = np.asarray(codes, dtype=float), np.asarray(force_n, dtype=float)
     currents = calibration.step_a * (codes - calibration.start_code)
-    solved = crosstalk.solve(calibration.array(), currents, None, calibration.divider)
-    g = solved.conductance_s / calibration.factor
+    g = _conductances(calibration, calibration.array(), currents) / calibration.factor
     flat_codes, flat_force = codes.reshape(len(codes), -1), force.reshape(len(force), -1)
     peak = flat_codes.max(axis=0)
     # Those that saturate lose the top of the cycle, where creep shows; they come last.
@@ -605,9 +604,8 @@ def fit_memory(
     modes = []
     for mode in calibration.modes:
         # The cycle sets the level of the factors with every network.
-        ratio = crosstalk.solve(calibration.array(mode), currents).conductance_s.reshape(len(codes), -1)[
-            :, chosen
-        ]
+        ratio = _conductances(calibration, calibration.array(mode), currents)
+        ratio = ratio.reshape(len(codes), -1)[:, chosen]
         ratio = ratio[used] / (g * ((1 + mode.factor_part) * calibration.factor).ravel()[chosen])[used]
         shift = np.exp(np.average(np.log(np.maximum(ratio, 1e-12)), weights=weight**2))
         modes.append(dataclasses.replace(mode, factor_part=(1 + mode.factor_part) * shift - 1))

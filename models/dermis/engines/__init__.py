@@ -26,15 +26,10 @@ to answer, of coupled columns about 1 s of processor time on a sheet of 255 x 40
 
 @dataclass
 class Result:
-    """Codes [frames, rows, cols] of `code_type`, and further results of an engine."""
+    """Codes [frames, rows, cols] of `vfc.code_type`, and further results of an engine."""
 
     codes: NDArray[np.unsignedinteger]
     info: dict[str, Any] = field(default_factory=dict)
-
-
-def code_type(code_max: int) -> type[np.unsignedinteger]:
-    """Type that holds the codes: bytes, or two of them where the design has more than 8 bits."""
-    return np.uint8 if code_max < 256 else np.uint16
 
 
 def _module(name: str) -> Any:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from dermis import fields
 from dermis.array.array import column_currents
 from dermis.converter import injection
-from dermis.converter.vfc import W_PRESET, code
-from dermis.engines import Result, code_type
+from dermis.converter.vfc import W_PRESET, code, code_type
+from dermis.engines import Result
 from dermis.errors import InputError
 from dermis.records import Plan
 

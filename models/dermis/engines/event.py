@@ -9,8 +9,8 @@ import numpy as np
 
 from dermis import fields
 from dermis.converter import course, injection, walk
-from dermis.converter.vfc import LONGEST_GATE
-from dermis.engines import Result, code_type
+from dermis.converter.vfc import LONGEST_GATE, code_type
+from dermis.engines import Result
 from dermis.errors import InputError
 from dermis.records import Plan
 

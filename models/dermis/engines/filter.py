@@ -22,8 +22,9 @@ from dermis.bounds import Bounding
 from dermis.converter import course, injection, noise, walk
 from dermis.converter.coupling import G_ACROSS_S, couples
 from dermis.converter.ripple import GateCurrents
+from dermis.converter.vfc import code_type
 from dermis.effects import EFFECTS
-from dermis.engines import Result, code_type, event
+from dermis.engines import Result, event
 from dermis.records import Plan
 
 HONOURS = event.HONOURS

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from dermis import bounds, engines
 from dermis.array.network import Network
-from dermis.converter.vfc import Y_MIN
+from dermis.converter.vfc import Y_MIN, code_type
 from dermis.records import Plan
 
 Bools = NDArray[np.bool_]
@@ -117,7 +117,7 @@ def merged(tables: Iterable[dict[str, Any]]) -> dict[str, Any]:
 def everything(plan: Plan, reason: str = "") -> Verdict:
     """Return the verdict that every row has to be solved."""
     blocks = tuple(Block(frame, 0, plan.rows) for frame in range(plan.frames))
-    codes = np.zeros(plan.resistance_ohm.shape, engines.code_type(plan.timing.code_max))
+    codes = np.zeros(plan.resistance_ohm.shape, code_type(plan.timing.code_max))
     return Verdict(codes, np.ones(codes.shape, bool), blocks, reason=reason)
 
 

@@ -22,7 +22,8 @@ from dermis.array.array import column_currents
 from dermis.chip import hdl, netlist, read_out, spi_protocol
 from dermis.chip.sources import listed, rtl_include_dirs, rtl_sources
 from dermis.converter import coupling, course, injection, walk, walk_loops
-from dermis.engines import Result, code_type, event
+from dermis.converter.vfc import code_type
+from dermis.engines import Result, event
 from dermis.errors import InputError, SimulatorError
 from dermis.places import ROOT
 from dermis.processes import children

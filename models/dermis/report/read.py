@@ -17,9 +17,9 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import engines
 from dermis import plan as planning
 from dermis.chip.spi_protocol import RowsOfInterest
+from dermis.converter.vfc import code_type
 from dermis.decode import calibration, recording, recording_bag
 from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Forces
 from dermis.errors import InputError, counted, one_line, optional
@@ -177,7 +177,7 @@ def decode_frames(
         n, r, c = np.argwhere(~good)[0]
         allowed = f"a code, a whole number 0..{most}; --through-chip sends scaled values through a chip"
         raise InputError(path, f"frame {n}, row {r}, column {c}", float(values[n, r, c]), allowed)
-    codes = _filled(values).astype(engines.code_type(most))
+    codes = _filled(values).astype(code_type(most))
     found = _decoded(skin, rec, codes, missing, np.diff(rec.time_s, prepend=rec.time_s[0]))
     present = rec.present & ~missing
     pressed = present & ((found.flags & ZERO) == 0)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import operator
 import os
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -21,7 +21,18 @@ from dermis.scene.design import Design
 from dermis.scene.design import load as load_design
 from dermis.scene.front_end import EFFECT_FIELDS, FrontEndTable
 from dermis.scene.front_end import resolve as resolve_front_end
-from dermis.scene.schema import Strict, allowed_of, entry, models_of, read_toml, validate, write_toml
+from dermis.scene.schema import (
+    Strict,
+    allowed_of,
+    empty,
+    entry,
+    merged,
+    models_of,
+    plain,
+    read_toml,
+    validate,
+    write_toml,
+)
 from dermis.scene.sensor import SensorTable
 from dermis.scene.sensor import resolve as resolve_sensor
 from dermis.scene.stimulus import StimulusTable
@@ -184,6 +195,37 @@ def find(name: str) -> Path:
             "command line", "SCENE", name, f"a path to a .toml file, or one of {', '.join(known)}"
         )
     return SCENES / f"{name}.toml"
+
+
+def tables_of(scene: Any, caller: str, allowed: str) -> tuple[Path, dict[str, Any]]:
+    """Return the tables of a scene by path, name or dict, and the path that errors name; nothing is an empty scene.
+
+    Raises
+    ------
+    InputError
+        It is something else, or cannot be read; `caller` and `allowed` are what the line says.
+    """
+    if isinstance(scene, str | os.PathLike):
+        path = find(os.fspath(scene))
+        return path, read_toml(path)
+    if scene is None or isinstance(scene, Mapping):
+        return Path(caller), plain(scene or {})
+    raise InputError(caller, "scene", f"a {type(scene).__name__}", allowed)
+
+
+def changed(
+    data: dict[str, Any],
+    path: Path,
+    tables: Mapping[str, Any] | None,
+    run: Mapping[str, Any],
+    effects: Mapping[str, Any] | None,
+) -> dict[str, Any]:
+    """Return tables with a caller's changes; InputError for a key that holds None."""
+    for table in (plain(tables or {}), {"run": run}, {"effects": plain(effects or {})}):
+        data = merged(data, table)
+    if none := empty(data):
+        raise InputError(path, none, "None", "a value; leave the key out for its default")
+    return data
 
 
 def load(path: str | Path, design: Design | None = None) -> Scene:
