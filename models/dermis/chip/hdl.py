@@ -152,6 +152,9 @@ def build(
             arguments = ["--x-assign", "unique", "--x-initial", "unique", "-Wno-fatal"]
             # In one piece: the wheel's makefile has no flag for the precompiled header that goes with several.
             arguments += ["--output-split", "0", "-CFLAGS", " ".join(PROGRAM_FLAGS) if optimise else "-O0"]
+            if optimise:
+                # What Python can reach costs a look at each clock edge: the top level is enough.
+                arguments += ["--no-public-flat-rw", "--public-depth", "1"]
         try:
             _runner(simulator, log).build(
                 sources=sources,

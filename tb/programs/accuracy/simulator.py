@@ -150,9 +150,21 @@ def tolerances(reltol: float, **other: str) -> str:
     return options_with(CONTROLLED, reltol=reltol, **moved, **other)
 
 
+# The start of a process, or of the clock loop, is subtracted by a second run of a few clocks. Starts differ
+# by milliseconds.
+_FEW, _LEAST_S, _ATTEMPTS = 40, 5e-3, 5
+
+
 def _cosim(simulator: str, step_s: float, options: str, circuit: Circuit, where: Path) -> Found:
-    done = circuits.measure(Job(circuit, step_s, simulator, keep=True, options=options), where, LIMIT_S)
-    return done.error_v, done.miscount, done.cpu_per_clock_s
+    many, few = (replace(circuit, gate_clocks=n) for n in (circuit.gate_clocks, _FEW))
+    done, start = (
+        circuits.measure(
+            Job(c, step_s, simulator, keep=True, options=options), where / f"{c.clocks}", LIMIT_S
+        )
+        for c in (many, few)
+    )
+    seconds = done.cpu_per_clock_s * many.clocks - start.cpu_per_clock_s * few.clocks
+    return done.error_v, done.miscount, seconds / (many.clocks - few.clocks)
 
 
 def _alone(circuit: Circuit, where: Path) -> Found:
@@ -164,11 +176,6 @@ def _alone(circuit: Circuit, where: Path) -> Found:
         circuits.loop_cpu_s, job, "verilator", build, "dermis_top", where, LIMIT_S
     )
     return 0.0, 0.0, seconds / circuit.clocks
-
-
-# The start of a peer's process is subtracted by a second run of a few clocks. Starts differ by
-# milliseconds.
-_FEW, _LEAST_S, _ATTEMPTS = 40, 5e-3, 5
 
 
 def _peer(
