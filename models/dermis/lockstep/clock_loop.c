@@ -40,12 +40,10 @@
 
 typedef unsigned long long tick_t;
 
-/* `solve` up to time `to` with these edges; 0, or a failure which only its owner understands */
-typedef int solve_t(double to, int n_edge, const int *source, const double *time, const double *level, double *sample);
-
-/* of lockstep.c */
-solve_t lockstep_advance;
-double lockstep_beyond(int probe, double above, int upwards);
+/* `solve` up to time `to` with these edges: samples there, and their extremes since the last call, for a pulse may be over
+   before `to`; returns 0, or a failure which only its owner understands */
+typedef int solve_t(double to, int n_edge, const int *source, const double *time, const double *level, double *sample,
+                    double *low, double *high);
 
 enum state { IDLE, RUNNING, ENDED, WRONG, UNSOLVED }; /* WRONG: text has the reason; UNSOLVED: code is of the half */
 enum kind { BITS, CODE, REAL };                       /* a source a bit; one source for the number, or for the real value */
@@ -93,7 +91,7 @@ static struct {
     bool near;   /* it is a clock edge, and the HDL was told of a crossing one unit before */
 
     int source[MAX_EDGES], n_edge;
-    double time[MAX_EDGES], level[MAX_EDGES], sample[MAX_EDGES];
+    double time[MAX_EDGES], level[MAX_EDGES], sample[MAX_EDGES], low[MAX_EDGES], high[MAX_EDGES];
     double t1, t2, v1[MAX_EDGES], v2[MAX_EDGES]; /* the samples before, and before these */
 
     int n_sample, traced; /* samples that are kept at each event, and words of nets and outputs, at each clock edge */
@@ -267,7 +265,7 @@ static void keep_trace(void)
 
 static bool solve(double to)
 {
-    if ((lp.code = lp.solve(to, lp.n_edge, lp.source, lp.time, lp.level, lp.sample)))
+    if ((lp.code = lp.solve(to, lp.n_edge, lp.source, lp.time, lp.level, lp.sample, lp.low, lp.high)))
         return stop(UNSOLVED), false;
     lp.n_edge = 0, lp.now = to;
     return true;
@@ -352,13 +350,11 @@ static bool approach(double to, bool *crossed)
         for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
             for (int i = 0; out->crossing && i < out->width; i++) {
                 int p = out->first + i;
-                double rest = left(out, i), past = -rest;
+                double rest = left(out, i), past = high(out, i) ? lp.above[p] - lp.low[p] : lp.high[p] - lp.above[p];
                 if (!lp.clear[p] && rest >= -CLEAR_V) {
                     lp.clear[p] = rest > CLEAR_V;
                     continue;
                 }
-                if (lp.solve == lockstep_advance) /* a pulse may be over before `at` */
-                    past = fmax(past, lockstep_beyond(p, lp.above[p], !high(out, i)));
                 if (past > NEAR_V) {
                     lp.overshoot = fmax(lp.overshoot, past);
                     snprintf(lp.text, TEXT_BYTES, "%s: bit %d passed %.9g V by %.3g V at %.9g s: use a smaller step_s",
@@ -685,7 +681,7 @@ int loop_replay(solve_t *half, double period, long clocks, const int *first, con
 {
     for (long i = 0; i < clocks; i++) {
         int failed = half((double)(i + 1) * period, first[i + 1] - first[i], source + first[i], time + first[i], level + first[i],
-                          lp.sample);
+                          lp.sample, lp.low, lp.high);
         if (failed)
             return failed;
     }

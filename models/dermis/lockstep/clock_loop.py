@@ -27,7 +27,7 @@ _SOLVE = ctypes.CFUNCTYPE(
     ctypes.c_double,
     ctypes.c_int,
     ctypes.POINTER(ctypes.c_int),
-    *[ctypes.POINTER(ctypes.c_double)] * 3,
+    *[ctypes.POINTER(ctypes.c_double)] * 5,
 )
 _KINDS = "bits", "code", "real"  # of `enum kind`
 
@@ -189,15 +189,16 @@ class ClockLoop:
         self._lib.loop_arm(entry, *numbers)
         self.require()
 
-    def _advance(self, to: float, count: int, source: Any, time: Any, level: Any, sample: Any) -> int:
+    def _advance(self, to: float, count: int, source: Any, time: Any, level: Any, *told: Any) -> int:
         """Advance a half that is in Python."""
         edges: list[Edge] = [(time[i], source[i], level[i]) for i in range(count)]
         try:
             values = self._half.advance(to, edges)
             if len(values) > MAX_SAMPLES:
                 raise ValueError(f"{len(values)} samples of a half; at most {MAX_SAMPLES}")
-            for i, value in enumerate(values):
-                sample[i] = value
+            for array in told:  # the samples, and their extremes
+                for i, value in enumerate(values):
+                    array[i] = value
         except BaseException as error:  # C hands it on to `require`
             self._raised = error
             return -1

@@ -257,7 +257,7 @@ class Cosim:
             IDLE_STEPS * self._step_s,
         )
         half = self._circuit(loop.levels(len(sources)), sources)
-        at_end.callback(half.abandon)
+        at_end.callback(half.close)
         at_end.callback(loop.stop)
         return loop, half, time
 
