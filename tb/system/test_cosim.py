@@ -14,12 +14,11 @@ from system_bench import FaultyChip, MakePlan
 from dermis import engines
 from dermis.chip import netlist
 from dermis.chip.analog import ExactHalf
-from dermis.chip.netlist import integrator_nodes
 from dermis.engines import Result, closed, cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.lockstep.ngspice import Deck
 from dermis.report import comparison
-from dermis.report.waves import trace
+from dermis.report.waves import integrator_waves, trace
 from dermis.scene.design import TOPOLOGIES
 from tb.reference.ladder_circuits import LEAP
 
@@ -183,8 +182,7 @@ def test_integrators_follow_the_exact_half_to_a_microvolt(resistance_plan: MakeP
     made = resistance_plan(600 * 50 ** rng.random((2, 4)))
     record = cosim.run(made, record=True).info["records"][0]
     t_clk, rows, cols = 1.0 / made.timing.f_clk_hz, made.rows, made.cols
-    time = record["wave0_time_s"]
-    volts = np.array([record[f"wave0_{integrator_nodes(c)[0]}"] for c in range(cols)])
+    time, volts = integrator_waves(record, cols)
     duty = made.duty_ideal()[0]
     levels = [1.0] + [0.0] * (rows - 1) + [1.0] + [0.0] * cols
     half = ExactHalf(duty, levels, t_clk_s=t_clk, t_edge_s=cosim.Solver().t_edge_s)

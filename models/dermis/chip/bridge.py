@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from asyncio import CancelledError
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,13 +29,10 @@ from dermis.timing import Timing
 
 START_CLOCKS = 64
 """More than from enable to a frame's first edge, and from there to its first row without the break."""
-
 SPI_CLOCKS = 1.37
 """Clocks of the chip in one of the host: no ratio of small numbers, so all phases occur."""
-
 WAIT_BYTES = 64
 """Longest answer without a token; the chip needs two or three clocks, and no clock is so slow."""
-
 SPI_SHARE = 0.5
 """Share of a frame's time in which the host reads the frame before; it sets the clock of SPI."""
 
@@ -59,11 +57,7 @@ HalfFactory = Callable[[int, "list[float]"], AnalogHalf]
 
 
 def analog_s(timing: Timing, rows: int | None = None) -> float:
-    """Seconds of a scan on the analog side: from its first driven row to the next frame's first
-    edge.
-
-    `rows` is the number of rows that are scanned; all by default.
-    """
+    """Return the seconds of a scan of some or all rows: from its first driven row to the next frame's first edge."""
     slots = timing.rows if rows is None else rows
     return (slots * timing.slot_clocks - timing.break_clocks) / timing.f_clk_hz
 
@@ -124,15 +118,11 @@ class Bridge:
         samples: int = 0,
         progress: Callable[[int], None] = lambda slots: None,
     ) -> None:
-        self._dut = dut
-        self._timing = timing
-        self._cols = cols
+        self._dut, self._timing, self._cols, self._sync_latch = dut, timing, cols, sync_latch
         self._rows = range(timing.rows) if rows is None else rows
         self._settings = _settings(timing, cols, rows, ranges)
-        self._sync_latch = sync_latch
-        self._progress = progress
+        self._progress, self._samples = progress, samples
         self._slots = 0
-        self._samples = samples
         self.samples: list[NDArray[np.float64]] = []
         self.trace = Trace() if trace else None
         self.charge_delay_clocks = 0.5 if sync_latch else 0.0  # the latch opens with the falling edge
@@ -183,11 +173,10 @@ class Bridge:
                 if frame:
                     self._host.require(frame)
             # The analog side rests while the last frame is read.
-            try:
+            with suppress(SimTimeoutError):  # `require` says what is missing
                 await with_timeout(host, round(4 * self._host.frame_ps), "ps")
-            except SimTimeoutError:
-                self._host.require(frames)
-            return self._host.codes(frames)
+            self._host.require(frames)
+            return np.array(self._host.frames)
         finally:  # another bridge may start from reset after an abort of the analog half
             host.cancel()
             clock.stop()
@@ -226,11 +215,8 @@ class Bridge:
             self._keep([[bits] for bits in (*self._pins(), _known(self._dut.comp_async_i, "comp_async_i"))])
 
     def _keep(self, nets: list[list[int]]) -> None:
-        trace = self.trace
-        for net, more in zip(
-            (trace.row_select, trace.preset, trace.charge, trace.comparator), nets, strict=True
-        ):
-            net += more
+        for name, more in zip(("row_select", "preset", "charge", "comparator"), nets, strict=True):
+            getattr(self.trace, name).extend(more)
 
     async def _next_clock(self) -> None:
         await self._edge
@@ -277,11 +263,8 @@ class _Host:
     """The host at the SPI pins: reads each frame when the chip reports it ready, and checks it."""
 
     def __init__(self, dut: Any, timing: Timing, cols: int, rows: range) -> None:
-        self._dut = dut
-        self._rows = rows
-        self._timing = timing
-        self._cols = cols
-        self._frames: list[NDArray[np.uint16]] = []
+        self._dut, self._timing, self._cols, self._rows = dut, timing, cols, rows
+        self.frames: list[NDArray[np.uint16]] = []
         self._failure: SimulatorError | None = None
         self.frame_ps = 1e12 * timing.frame_s * len(rows) / timing.rows
         bits = 8 * (16 + read_out.frame_bytes(timing, cols, len(rows)))
@@ -292,14 +275,8 @@ class _Host:
         """Raise the first error, or an error if fewer frames than expected were read."""
         if self._failure is not None:
             raise self._failure
-        if len(self._frames) < frames:
-            said = f"read-out {len(self._frames) + 1} through SPI"
-            raise SimulatorError(f"{said}: the chip never reports a frame as ready")
-
-    def codes(self, frames: int) -> NDArray[np.uint16]:
-        """Return the codes [frames, rows, cols] of the frames read."""
-        self.require(frames)
-        return np.array(self._frames[:frames])
+        if (done := len(self.frames)) < frames:
+            raise SimulatorError(f"read-out {done + 1} through SPI: the chip never reports a frame as ready")
 
     async def read(self, frames: int) -> None:
         """Read `frames` frames; stop at the first one that is not right."""
@@ -310,7 +287,7 @@ class _Host:
                     await RisingEdge(dut.frame_ready_o)
                 data = await self._transact(spi_protocol.read_frame_bytes(WAIT_BYTES))
                 codes = read_out.codes_of_frame(data, frame, self._timing, self._cols, self._rows)
-                self._frames.append(codes)
+                self.frames.append(codes)
         except (SimulatorError, spi_protocol.SpiError) as error:
             self._failure = SimulatorError(f"read-out {frame + 1} of {frames} through SPI: {error}")
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Batch runs of ngspice: a time limit, the retry ladder, and a finite number or an error for every
-`.meas`.
+"""Batch runs of ngspice: a time limit, the retry ladder, and a finite number or an error for every `.meas`.
 
 The exit code of ngspice is no evidence: it is 0 when a `.meas` fails, and when a transient stops
 early and its measurements look plausible.
@@ -78,12 +77,9 @@ def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -
 
     Parameters
     ----------
-    deck : Path
-        Its folder receives the deck as run, ``<name>.run.sp``, and the log, ``<name>.log``.
-    limit_s : float
-        Wall-clock limit of every attempt.
-    level : ladder.Level
-        First rung of the ladder: higher where the lower rungs are known to fail.
+    deck : its folder receives the deck as run, ``<name>.run.sp``, and the log, ``<name>.log``
+    limit_s : wall-clock limit of every attempt
+    level : first rung of the ladder, higher where the lower rungs are known to fail
 
     Raises
     ------

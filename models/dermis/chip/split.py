@@ -28,10 +28,7 @@ from dermis.processes import pool
 class Workers:
     """Processes that solve a circuit each, one after another; they start when first asked for.
 
-    Parameters
-    ----------
-    log : Path
-        Log of ngspice; each process has its own, with its number in the name.
+    Each has a log of ngspice of its own: `log` with its number in the name.
     """
 
     def __init__(self, log: Path) -> None:

@@ -27,12 +27,9 @@ from dermis.places import PACKAGE, ROOT
 from dermis.processes import pool
 from dermis.records import Plan
 
-# 2^18 taxels are 1024 frames of 16x16: half a second to two seconds of the event engine with everything on, and
-# 4 MB of doubles both ways.
+# 1024 frames of 16x16: half a second to two seconds of engine event with everything on, and 4 MB of doubles both ways.
 _VALUES_A_PART = 1 << 18
-
-# Parts a worker, so that the slowest one does not hold up the rest for long.
-_PARTS_A_WORKER = 4
+_PARTS_A_WORKER = 4  # so that the slowest one does not hold up the rest for long
 
 _PACKAGE_FILES = ("**/*.py", "**/*.c")
 _DATA_FILES = (
@@ -52,10 +49,8 @@ def run(
     Parameters
     ----------
     plan : Plan
-    progress : callable, optional
-        Called with the number of row slots done so far, over all parts.
-    processes : int
-        Processes of this machine; 1 runs the plan here, uncut.
+    progress : called with the number of row slots done so far, over all parts
+    processes : processes of this machine; 1 runs the plan here, uncut
     options : passed to the engine
 
     Returns

@@ -33,13 +33,7 @@ def refuses(plan: Plan) -> InputError | None:
 
 
 def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
-    """Run a plan.
-
-    Parameters
-    ----------
-    plan : Plan
-    progress : callable, optional
-        Called with the number of row slots done so far.
+    """Run a plan; `progress` is called with the number of row slots done so far.
 
     Returns
     -------

@@ -246,16 +246,10 @@ class Cosim:
         if len(periods) == 1:
             ((net, base),) = periods.items()
             base_s = self._clocks[net]
-        time = Timebase(
-            0,
-            base_s,
-            base,
-            settle,
-            tuple(zip(first, between, strict=True)),
-            self._step_s,
-            0.125 * min((drive.edge_s for drive in self._inputs.values()), default=self._step_s),
-            IDLE_STEPS * self._step_s,
-        )
+        clocks = tuple(zip(first, between, strict=True))
+        first_step_s = 0.125 * min((d.edge_s for d in self._inputs.values()), default=self._step_s)
+        steps_s = self._step_s, first_step_s, IDLE_STEPS * self._step_s
+        time = Timebase(0, base_s, base, settle, clocks, *steps_s)
         half = self._circuit(loop.levels(len(sources)), sources)
         at_end.callback(half.close)
         at_end.callback(loop.stop)
@@ -292,8 +286,7 @@ class Cosim:
         return nets, sources
 
     def _output_nets(self, handles: Mapping[str, Any]) -> list[Output]:
-        nets: list[Output] = []
-        first = 0
+        nets, first = [], 0
         for name, bits in self._outputs.items():
             crossing = bits[0].crossing or not self._clocks
             if isinstance(handles[name].value, float):
@@ -304,15 +297,9 @@ class Cosim:
 
     def _circuit(self, levels: Sequence[float], sources: Sequence[tuple[str, Drive]]) -> NgspiceHalf:
         edges_s = tuple(drive.edge_s for _, drive in sources)
-        deck = Deck(
-            tuple(self._lines),
-            tuple(source for source, _ in sources),
-            tuple(levels),
-            tuple(drive.abrupt for _, drive in sources),
-            tuple(self._nodes),
-            edges_s=edges_s,
-            breaks=netlist_faults.breaks(self._lines),
-        )
+        names, abrupt = tuple(name for name, _ in sources), tuple(drive.abrupt for _, drive in sources)
+        circuit = tuple(self._lines), names, tuple(levels), abrupt, tuple(self._nodes)
+        deck = Deck(*circuit, edges_s=edges_s, breaks=netlist_faults.breaks(self._lines))
         shortest = min(edges_s, default=self._step_s)
         return NgspiceHalf(deck, t_edge_s=shortest, t_max_step_s=self._step_s, t_stop_s=END_S, log=self._log)
 

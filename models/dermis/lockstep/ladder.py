@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Retries after ngspice gives up a circuit: an ordered ladder, each attempt reported, and advice
-after the last.
+"""Retries after ngspice gives up a circuit: an ordered ladder, each attempt reported, then advice.
 
 There are two ladders. If no operating point is found, the next method to *start* is tried; if a
 transient stops, the next method to *step*. ngspice switches nothing on by itself: its gmin stepping,
@@ -14,6 +13,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -120,14 +120,7 @@ class Abort(SimulatorError):
 
 @dataclass(frozen=True)
 class Retry:
-    """One failed attempt, as in results and summaries.
-
-    Attributes
-    ----------
-    rung : its rung
-    next : rung of the next attempt; None after the last
-    said, time_s, node : as in Abort
-    """
+    """One failed attempt, as in results and summaries: its rung and the next one, None after the last."""
 
     rung: str
     next: str | None
@@ -140,34 +133,19 @@ class Retry:
         return f"at {self.time_s:.9g} s: {self.said}{then}"
 
 
-def _to_stderr(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
-
-
 class Climb:
-    """The rungs that one circuit has climbed.
+    """The rungs that one circuit, `what` in reports ("frame 3"), has climbed from `level` on.
 
-    Parameters
-    ----------
-    what : name of the circuit in reports ("frame 3")
-    level : first rung
-    report : given one line for every retry
+    `report` is given one line for every retry; by default it goes to standard error.
     """
 
-    def __init__(self, what: str, level: Level = PLAIN, report: Callable[[str], None] = _to_stderr) -> None:
-        self.what = what
-        self.level = level
+    def __init__(self, what: str, level: Level = PLAIN, report: Callable[[str], None] | None = None) -> None:
+        self.what, self.level = what, level
         self.retries: list[Retry] = []
-        self._report = report
+        self._report = report or partial(print, file=sys.stderr, flush=True)
 
     def up(self, abort: Abort) -> Level:
-        """Take the next rung after an abort and report it.
-
-        Raises
-        ------
-        SimulatorError
-            There is none: time, node, tried rungs and advice.
-        """
+        """Take the next rung after an abort and report it; SimulatorError with advice if there is none."""
         above = self.level.above(abort.phase)
         name = above.name if above else None
         self.add([Retry(self.level.name, name, abort.said, abort.time_s, abort.node)])
@@ -185,17 +163,9 @@ class Climb:
 
 
 def climb(attempt: Callable[[Level], T], rungs: Climb) -> T:
-    """Attempt a circuit, one rung higher after each abort.
+    """Return `attempt(level)` of a circuit, from the beginning one rung higher after each Abort.
 
-    Parameters
-    ----------
-    attempt : simulates from the beginning at a level, and raises Abort
-    rungs : begins at its level; keeps and reports failed attempts
-
-    Raises
-    ------
-    SimulatorError
-        No rung is left.
+    SimulatorError if no rung is left; `rungs` keeps and reports failed attempts.
     """
     while True:
         try:
@@ -203,8 +173,6 @@ def climb(attempt: Callable[[Level], T], rungs: Climb) -> T:
         except Abort as abort:
             rungs.up(abort)
 
-
-# ---- messages of ngspice -------------------------------------------------------------------------------------
 
 _NODES_SAID = (
     r"trouble with node \"([^\"]+)\"",
@@ -218,8 +186,7 @@ _NODES_SAID = (
 def node_of(text: str) -> str | None:
     """Return the node or device in a message of ngspice, or None."""
     for pattern in _NODES_SAID:
-        found = [n for n in re.findall(pattern, text) if n != "cause"]
-        if found:
+        if found := [n for n in re.findall(pattern, text) if n != "cause"]:
             return found[-1] if pattern is _NODES_SAID[0] else found[0]
     return None
 
