@@ -39,8 +39,7 @@ SPI_SHARE = 0.5
 
 @dataclass
 class Trace:
-    """Signals across the bridge, one entry a clock: integers whose bit c is column c (row r for
-    `row_select`).
+    """Signals across the bridge, one entry a clock: integers whose bit c is column c (row r for `row_select`).
 
     `begins` has the number of entries before the first instant of each frame's analog half.
     """
@@ -62,11 +61,12 @@ def analog_s(timing: Timing, rows: int | None = None) -> float:
     return (slots * timing.slot_clocks - timing.break_clocks) / timing.f_clk_hz
 
 
-def _known(handle: Any, what: str) -> int:
+def _known(handle: Any) -> int:
     try:
         return int(handle.value)  # asking is_resolvable first costs 7 us for sixteen bits
     except ValueError:
-        raise SimulatorError(f"{what} is {handle.value}, not 0 or 1: the Verilog lost its state") from None
+        said = f"{handle._name} is {handle.value}, not 0 or 1: the Verilog lost its state"
+        raise SimulatorError(said) from None
 
 
 def _settings(timing: Timing, cols: int, rows: range | None, ranges: Sequence[int]) -> list[tuple[int, int]]:
@@ -132,11 +132,8 @@ class Bridge:
     async def run(self, frames: int, make_half: HalfFactory) -> NDArray[np.uint16]:
         """Reset the chip and read `frames` frames; return codes [frames, scanned rows, cols].
 
-        Raises
-        ------
-        SimulatorError
-            The analog half stopped, the Verilog drives an X or loses its row scan, or the host read anything but
-            every frame once and whole.
+        SimulatorError if the analog half stopped, the Verilog drives an X or loses its row scan, or the host read
+        anything but every frame once and whole.
         """
         dut = self._dut
         # made once: a trigger may be awaited again and again
@@ -159,12 +156,12 @@ class Bridge:
         try:
             for _ in range(START_CLOCKS):
                 await self._next_clock()
-                if _known(dut.frame_start_o, "frame_start_o"):
+                if _known(dut.frame_start_o):
                     break
             loop = self._loop()
             for frame in range(frames):
-                pins = await self._first_row(frame)
-                half = make_half(frame, self._levels(*pins))
+                await self._first_row(frame)
+                half = make_half(frame, loop.levels(self._timing.rows + 1 + self._cols))
                 try:
                     await self._frame(frame, loop, half)
                 finally:
@@ -191,8 +188,8 @@ class Bridge:
         )
         return ClockLoop(nets, [Output(dut.comp_async_i._path, 0, (0.0,) * self._cols)])
 
-    async def _first_row(self, frame: int) -> tuple[int, int, int]:
-        """Wait until the first row is driven; return rows, preset and charge switches there."""
+    async def _first_row(self, frame: int) -> None:
+        """Wait until the first row is driven."""
         for _ in range(START_CLOCKS + self._timing.break_clocks):
             if (pins := self._pins())[0]:
                 break
@@ -202,17 +199,15 @@ class Bridge:
         if pins[:2] != (1 << first, 1):
             raise SimulatorError(f"frame {frame} does not begin with row {first} driven and the preset on")
         self._dut.row_sense_i.value = 1 << first
-        return pins
 
     def _pins(self) -> tuple[int, int, int]:
         dut = self._dut
-        row, preset = _known(dut.row_select_o, "row_select_o"), _known(dut.preset_o, "preset_o")
-        return row, preset, _known(dut.charge_o, "charge_o")
+        return _known(dut.row_select_o), _known(dut.preset_o), _known(dut.charge_o)
 
     def _record(self) -> None:
         """Keep a clock between two frames, which no analog half sees."""
         if self.trace is not None and self.trace.begins:
-            self._keep([[bits] for bits in (*self._pins(), _known(self._dut.comp_async_i, "comp_async_i"))])
+            self._keep([[bits] for bits in (*self._pins(), _known(self._dut.comp_async_i))])
 
     def _keep(self, nets: list[list[int]]) -> None:
         for name, more in zip(("row_select", "preset", "charge", "comparator"), nets, strict=True):
@@ -225,12 +220,8 @@ class Bridge:
 
     def ranges(self) -> list[int]:
         """Return the range that the chip's pins select for each column."""
-        word = _known(self._dut.range_o, "range_o")
+        word = _known(self._dut.range_o)
         return [word >> 2 * c & 3 for c in range(self._cols)]
-
-    def _levels(self, row: int, preset: int, charge: int) -> list[float]:
-        rows = [float(row >> r & 1) for r in range(self._timing.rows)]
-        return [*rows, float(preset), *(float(charge >> c & 1) for c in range(self._cols))]
 
     async def _frame(self, frame: int, loop: ClockLoop, half: AnalogHalf) -> None:
         """Run one frame, from the edge of its first row (already passed) to that of the next."""
@@ -255,7 +246,7 @@ class Bridge:
             self._keep(loop.trace((timing.rows, 1, self._cols, self._cols)))
         if self._samples:
             self.samples.append(loop.samples()[1])
-        if self._pins()[0] or not _known(self._dut.frame_start_o, "frame_start_o"):
+        if self._pins()[0] or not _known(self._dut.frame_start_o):
             raise SimulatorError(f"frame {frame} does not end {clocks} clocks after its first row")
 
 
@@ -283,7 +274,7 @@ class _Host:
         dut = self._dut
         try:
             for frame in range(frames):
-                if not _known(dut.frame_ready_o, "frame_ready_o"):
+                if not _known(dut.frame_ready_o):
                     await RisingEdge(dut.frame_ready_o)
                 data = await self._transact(spi_protocol.read_frame_bytes(WAIT_BYTES))
                 codes = read_out.codes_of_frame(data, frame, self._timing, self._cols, self._rows)
@@ -314,7 +305,7 @@ class _Host:
             ended = True
             raise
         finally:
-            if not ended and _known(dut.spi_sck_i, "spi_sck_i"):
+            if not ended and _known(dut.spi_sck_i):
                 await FallingEdge(dut.spi_sck_i)
             sck.stop()
             dut.spi_cs_ni.value = 1
@@ -332,7 +323,7 @@ class _Host:
             if moves:
                 dut.spi_copi_i.value = word >> bit & 1
             await rise
-            got = got << 1 | _known(cipo, "spi_cipo_o")
+            got = got << 1 | _known(cipo)
             if moves:
                 await fall
         return got.to_bytes(len(send), "big")

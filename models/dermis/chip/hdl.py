@@ -155,10 +155,8 @@ def build(
 
     key = [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise and PROGRAM_FLAGS]
     content = [*sources, *_headers(includes)]
-    name, runtime_key = (
-        "sim.vvp" if simulator == "icarus" else toplevel,
-        f"{tool} {optimise and PROGRAM_FLAGS}",
-    )
+    name = "sim.vvp" if simulator == "icarus" else toplevel
+    runtime_key = f"{tool} {optimise and PROGRAM_FLAGS}"
     return _cached(_place(where, simulator) / toplevel, content, key, make, name, runtime_key)
 
 
@@ -204,12 +202,8 @@ def run_cocotb(
     limit_s : time limit of the simulator
     run : called in place of `children.run_logged`
 
-    Raises
-    ------
-    RuntimeError, SystemExit
-        Of cocotb's runner: the test failed.
-    SimulatorError
-        The simulator did not start, ended badly or ran longer.
+    RuntimeError or SystemExit of cocotb's runner if the test failed; SimulatorError if the simulator did not start,
+    ended badly or ran longer.
     """
     prepare(simulator)
     results, log = work / "results.xml", work / "hdl.log"

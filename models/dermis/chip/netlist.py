@@ -454,19 +454,11 @@ def _array(plan: Plan, frame: int, network: Network, begin: int, columns: Sequen
     with np.errstate(divide="ignore"):
         resistance = np.divide(1.0, g_taxel_s[:, own])
         row, column = (1.0 / g if g else None for g in (network.g_lateral_row_s, network.g_lateral_column_s))
-    text = array_subckt(
-        network.rows,
-        len(own),
-        resistance,
-        row,
-        design=plan.scene.design,
-        lateral_column_ohm=column,
-        trace_row_ohm=float(network.r_trace_row_ohm),
-        trace_column_ohm=float(network.r_trace_column_ohm),
-        taxel_f=float(network.c_taxel_f),
-        slope_s_per_s=None if slope is None else slope[:, own],
-    )
-    return text.splitlines()
+    return array_subckt(
+        network.rows, len(own), resistance, row, design=plan.scene.design, lateral_column_ohm=column,
+        trace_row_ohm=float(network.r_trace_row_ohm), trace_column_ohm=float(network.r_trace_column_ohm),
+        taxel_f=float(network.c_taxel_f), slope_s_per_s=None if slope is None else slope[:, own],
+    ).splitlines()  # fmt: skip
 
 
 def transistor_options() -> str:
@@ -505,7 +497,7 @@ def has_pole(plan: Plan) -> bool:
     delayed = converter.t_comp_delay_s - _late_s(plan)[0]
     fields = (delayed, converter.v_hysteresis_v, converter.t_gbw_s, converter.q_mirror_c)
     capacitances = {"c_row_f", "c_column_f", "c_taxel_f"} & plan.surrounding.keys()
-    if any(np.any(f) for f in fields) or np.any(clamped) or any(plan.surrounding[c] for c in capacitances):
+    if any(map(np.any, (*fields, clamped))) or any(plan.surrounding[c] for c in capacitances):
         return True
     if not converter.inv_gain_dc.any():
         return False

@@ -63,10 +63,7 @@ def array_subckt(
         [rows, cols] in siemens a second: how fast conductances change. A taxel that does is a source ``btaxel_r3c4``
         and no resistor; its resistance is that at time 0.
 
-    Raises
-    ------
-    InputError
-        Wrong shape, NaN, negative or non-numeric resistances.
+    InputError for a wrong shape, NaN, negative or non-numeric resistances.
     """
     design = design or design_module.load()
     floor = design.array.r_floor_ohm

@@ -87,13 +87,7 @@ def cheapest(plan: Plan, among: Iterable[str] | None = None) -> str | None:
 
 
 def check(plan: Plan) -> None:
-    """Refuse a plan whose engine would have to ignore something.
-
-    Raises
-    ------
-    InputError
-        Names the effect and an engine that can do it.
-    """
+    """Refuse a plan whose engine would have to ignore something: InputError with the effect and an able engine."""
     _check_fields(plan)
     _check_sources(plan)
     if error := refuses(plan, plan.engine):

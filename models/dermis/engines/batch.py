@@ -59,12 +59,7 @@ def run(
         As from engines.run; of the engine's further results, arrays of one value a frame are joined, others
         are kept where all parts agree.
 
-    Raises
-    ------
-    InputError
-        Engine cosim with processes (it has its own); the plan's own.
-    SimulatorError
-        A worker died.
+    InputError for engine cosim with processes (it has its own), and the plan's own; SimulatorError if a worker died.
     """
     engines.check(plan)
     if processes > 1 and plan.engine == "cosim":
@@ -87,13 +82,9 @@ def bounds(plan: Plan, workers: int) -> list[tuple[int, int]]:
 def spread(
     calls: Iterable[tuple[Callable[..., Any], tuple[Any, ...]]], executor: Executor, workers: int
 ) -> Iterator[tuple[int, Future[Any]]]:
-    """Give calls to an executor, and yield (number of the call, its future) as they end, in any
-    order.
+    """Give calls (function, arguments) to an executor, as its workers become free.
 
-    Parameters
-    ----------
-    calls : function and arguments each; taken from as workers become free
-    executor, workers : of `pool.workers`, and how many there are
+    Yields (number of the call, its future) as they end, in any order.
     """
     waiting = enumerate(calls)
     running: dict[Future[Any], int] = {}

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Engine `cosim`: the real Verilog in lock-step with ngspice, each chunk of frames in a process of
-its own.
+"""Engine `cosim`: the real Verilog in lock-step with ngspice, each chunk of frames in a process of its own.
 
 In a scene with auto the chip scans only the rows that engine event leaves open (masking.py).
 """
@@ -40,7 +39,7 @@ FRAMES_A_PROCESS = 4
 _cores = threading.BoundedSemaphore(os.cpu_count() or 1)  # over every run of this process, not each
 
 SLOT_LIMIT_S = 120.0
-"""Longest wait for the first row slot (loading, operating point), and for each further one; ideal ones take 1 s."""
+"""Longest wait for the first row slot (loading, operating point), and each further one; ideal ones take under 1 s."""
 EFFECTS_LIMIT_FACTOR = 5.0
 """The limit times this with effects: 16 x 16 with all of them took 11 s a row, 70 s on a busy machine."""
 VIEWS_LIMIT_FACTOR = 10.0
@@ -84,12 +83,8 @@ def run(
         attempts that ngspice gave up (docs/ladder.md; on stderr as well), in a scene with auto the rows that were
         solved and, if recorded, the records.
 
-    Raises
-    ------
-    InputError
-        An effect that the exact half would have to ignore, or an array or timing that the chip is not made for.
-    SimulatorError
-        Either simulator failed, stopped answering or left no result.
+    InputError for an effect that the exact half would have to ignore, or an array or timing that the chip is not made
+    for; SimulatorError if either simulator failed, stopped answering or left no result.
     """
     if analog == "exact" and (lost := plan.active_fields() - HONOURS_EXACT):
         names = sorted({f"effects.{name}" for field in lost for name in plan.effects_of_field(field)})

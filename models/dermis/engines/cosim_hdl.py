@@ -48,9 +48,8 @@ async def _frames(dut: Any, job_dir: Path) -> dict[str, Any]:
             name += (f"_column_{part[0]}" if part else "_rows") if len(block.decks) > 1 else ""
             write_atomic(job_dir / f"{name}.cir", "\n".join(deck.lines) + "\n")
             decks[part] = deck
-        options: dict[str, Any] = {
-            "t_edge_s": job.solver.t_edge_s,
-            "t_max_step_s": job.solver.t_max_step_s,
+        options: dict[str, Any] = {"t_edge_s": job.solver.t_edge_s, "t_max_step_s": job.solver.t_max_step_s}
+        options |= {
             "t_stop_s": bridge.analog_s(timing, len(block.rows)),
             "record": job.record,
             "level": level,
@@ -91,16 +90,8 @@ async def _frames(dut: Any, job_dir: Path) -> dict[str, Any]:
 
     for scan in job.scans:
         while True:
-            chip = bridge.Bridge(
-                dut,
-                timing,
-                job.cols,
-                rows=scan[0].rows,
-                ranges=job.ranges,
-                sync_latch=job.sync_latch,
-                trace=job.record,
-                progress=on_slot,
-            )
+            options = {"sync_latch": job.sync_latch, "trace": job.record, "progress": on_slot}
+            chip = bridge.Bridge(dut, timing, job.cols, rows=scan[0].rows, ranges=job.ranges, **options)
             running.clear()
             try:
                 codes = await chip.run(len(scan), lambda at, levels, scan=scan: make_half(scan[at], levels))
@@ -143,7 +134,7 @@ if JOB_VARIABLE in os.environ:
             result = await _frames(dut, job_dir)
         except SimulatorError as error:
             result = error
-        except Exception as error:
+        except Exception as error:  # whatever it is, the parent reports it
             log = job_dir / "traceback.log"
             log.write_text(traceback.format_exc())
             result = SimulatorError(f"{type(error).__name__} in the co-simulation: {error}", log)

@@ -75,10 +75,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
         codes [frames, rows, cols]; info["x"] is their duty (mean over the gate), info["w_end"] the
         charge at the end of the gate in packets.
 
-    Raises
-    ------
-    InputError
-        The direct interface with finite gain and impedances that couple its columns by more than a count.
+    InputError for the direct interface with finite gain and impedances that couple its columns by more than a count.
     """
     shape = plan.resistance_ohm.shape
     codes = np.empty(shape, dtype=code_type(plan.timing.code_max))

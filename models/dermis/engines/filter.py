@@ -227,17 +227,9 @@ class _Part:
             i = self.gate_currents.follows_begin[cells] + self.gate_currents.rest_begin[cells]
             x = walk.columns_of(self.plan.converter, cells[2]).duty(i)
         output = self.s.end[0] if self.slow_mirror else None
-        return walk.Chosen(
-            self.g_column_s[cells[0], cells[2]],
-            *cells,
-            x,
-            noise.chosen_keys(self.plan.seed, self.first, cells) if self.random else None,
-            self.gate_currents,
-            self._idle_course(cells),
-            self.phase,
-            output,
-            depth,
-        )
+        draws = noise.chosen_keys(self.plan.seed, self.first, cells) if self.random else None
+        across, idle = self.g_column_s[cells[0], cells[2]], self._idle_course(cells)
+        return walk.Chosen(across, *cells, x, draws, self.gate_currents, idle, self.phase, output, depth)
 
     def _walk(self, cells: Cells) -> NDArray[np.int64]:
         """Counts of open cells by engine event."""

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows that engine cosim has to solve in a scene with auto; the chip's own ROW_MASK leaves out the
-others.
+"""Rows that engine cosim has to solve in a scene with auto; the chip's own ROW_MASK leaves out the others.
 
 A cell is decided if the filter of `auto` decides it with its bounds widened by what levels of
 ngspice may differ, or if engine event gives the same code with its levels moved up and down by as

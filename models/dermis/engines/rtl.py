@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Engine `rtl`: the real Verilog in Verilator or Icarus with the real-number models of
-models/verilog.
+"""Engine `rtl`: the real Verilog in Verilator or Icarus with the real-number models of models/verilog.
 
 The array is solved here and its column currents are handed over in a file; everything after the
 columns is Verilog. One build serves all scenes of the same size with the same effects, since what
@@ -72,12 +71,8 @@ def run(
     Result
         codes uint8 [frames, rows, cols].
 
-    Raises
-    ------
-    InputError
-        The chip is not made for such an array or timing.
-    SimulatorError
-        The simulator failed, stopped answering or left no proper result.
+    InputError if the chip is not made for such an array or timing; SimulatorError if the simulator failed, stopped
+    answering or left no proper result.
     """
     effects, places = effect_bits(plan, models), value_places(models)
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
@@ -233,9 +228,7 @@ def run_time_values(
     sync_latch: bool,
     places: dict[str, int],
 ) -> Floats:
-    """Run-time values of values.vh, [frames, rows, cols, VALUES]; without `each` those of the first
-    row alone.
-    """
+    """Run-time values of values.vh, [frames, rows, cols, VALUES]; without `each` those of the first row alone."""
     g = plan.conductance_s(part if each else slice(part.start, part.start + 1))
     converter, active = plan.converter, plan.active_fields()
     column = walk.cells_of(plan, np.zeros(g.shape), g, coupled)
@@ -324,10 +317,7 @@ ANSWER_BYTES = 3
 def read_codes(plan: Plan, path: Path, frames: int) -> NDArray[np.uint16]:
     """Read the answers that the host wrote, a line a frame; return codes [frames, rows, cols].
 
-    Raises
-    ------
-    SimulatorError
-        Anything but every frame once, whole and in order.
+    SimulatorError for anything but every frame once, whole and in order.
     """
     lines = path.read_text(errors="replace").split("\n")
     if lines.pop() or len(lines) != frames:

@@ -117,14 +117,9 @@ class Timebase:
 
 
 class ClockLoop:
-    """Carries nets to an analog half, and its comparators back, event by event.
+    """Carries nets to an analog half, and its comparators back, event by event; there is one in a process.
 
-    There is one in a process.
-
-    Raises
-    ------
-    SimulatorError
-        The Verilog has no such net, or one of another width.
+    SimulatorError if the Verilog has no such net, or one of another width.
     """
 
     def __init__(self, nets: Sequence[Net], outputs: Sequence[Output]) -> None:
@@ -143,13 +138,7 @@ class ClockLoop:
             _check(self._lib.loop_output(out.name.encode(), *numbers))
 
     def levels(self, sources: int) -> list[float]:
-        """Return the level of each source, as the nets are now, in volt.
-
-        Raises
-        ------
-        SimulatorError
-            A net is X or Z.
-        """
+        """Return the level of each source, as the nets are now, in volt; SimulatorError for X or Z."""
         level = np.zeros(sources)
         _check(self._lib.loop_levels(level.ctypes.data))
         return level.tolist()
@@ -167,10 +156,7 @@ class ClockLoop:
         samples : number of samples that are kept at each event (`samples`)
         trace : keep the nets at each edge of a clock (`trace`); needs `clocks`
 
-        Raises
-        ------
-        SimulatorError
-            As `require`.
+        Errors are those of `require`.
         """
         if not 0 <= samples <= MAX_SAMPLES:
             raise ValueError(f"samples must be 0..{MAX_SAMPLES}, not {samples}")
@@ -212,10 +198,7 @@ class ClockLoop:
     def require(self) -> None:
         """Raise the error that ended the loop, if one did.
 
-        Raises
-        ------
-        SimulatorError
-            A net is X or Z, or changes at a time that is not exact; or whatever the half raised.
+        SimulatorError if a net is X or Z, or changes at a time that is not exact; or whatever the half raised.
         """
         state = self._lib.loop_state()
         if state in (_RUNNING, _ENDED):
@@ -230,9 +213,7 @@ class ClockLoop:
         self._lib.loop_stop()
 
     def samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the times [events] in seconds of time 0 and of all events, and the samples [events,
-        samples] there in volt.
-        """
+        """Return the times [events] in s of time 0 and of all events, and the samples [events, samples] in volt."""
         shape = self._lib.loop_rows(), self._samples + 1
         table = np.ctypeslib.as_array(self._lib.loop_samples(), shape).copy()
         return table[:, 0], table[:, 1:]
@@ -257,12 +238,13 @@ class DrivenClock:
 
     def __init__(self, handle: Any, half: int) -> None:
         handle.value = 0
-        self._index = _library().loop_drive(handle._path.encode(), half)
+        self._lib = _library()
+        self._index = self._lib.loop_drive(handle._path.encode(), half)
         _check(self._index < 0)
 
     def stop(self) -> None:
         """Leave the net as it is."""
-        _library().loop_release(self._index)
+        self._lib.loop_release(self._index)
 
 
 def unit_s() -> float:
@@ -271,18 +253,12 @@ def unit_s() -> float:
 
 
 def replay(half: ngspice.NgspiceHalf, period_s: float, edges: Sequence[Sequence[Edge]]) -> None:
-    """Solve clock after clock with known edges, those of clock i in `edges[i]`, in C and without an
-    HDL simulator.
-
-    Raises
-    ------
-    SimulatorError
-        As NgspiceHalf.
-    """
+    """Solve clock after clock with known edges, those of clock i in `edges[i]`, in C without an HDL simulator."""
     for clock in edges:
         half.check(clock)
     first = np.cumsum([0, *map(len, edges)], dtype=np.int32)
     flat = np.array([edge for clock in edges for edge in clock], dtype=float).reshape(-1, 3).T
     arrays = first, flat[1].astype(np.int32), flat[0].copy(), flat[2].copy()
-    if code := _library().loop_replay(half.entry, period_s, len(edges), *(a.ctypes.data for a in arrays)):
+    lib = _library()
+    if code := lib.loop_replay(half.entry, period_s, len(edges), *(a.ctypes.data for a in arrays)):
         half.fail(code)

@@ -23,14 +23,12 @@ T = TypeVar("T")
 Phase = Literal["start", "steps"]
 
 C_NODE_F = 1e-16
-"""Rung `capacitance`: 0.1 fF from every node to ground. A node that swings a volt moves 1e-16 C,
-2e-5 of the packet of 5 pC, and gives it back when it returns; the smallest packet for which that is
-1e-3 of a count is 0.1 pC."""
+"""Rung `capacitance`: 0.1 fF from every node to ground. A node that swings a volt moves 1e-16 C, 2e-5 of the packet of
+5 pC, and gives it back when it returns; the smallest packet for which that is 1e-3 of a count is 0.1 pC."""
 
 T_RAMP_S = 1e-5
-"""Rung `ramp`: the supplies rise in this time and rest for nine times as long, in steps of a
-hundredth of it. Its length decides how good a guess is, not how good a result is: Newton's method
-confirms it."""
+"""Rung `ramp`: the supplies rise in this time and rest for nine times as long, in steps of a hundredth of it. Its
+length decides how good a guess is, not how good a result is: Newton's method confirms it."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +37,10 @@ class Rung:
 
     Attributes
     ----------
-    name : its name in reports.
-    options : text of an `.options` line after the deck's own, whose values it replaces; empty for none.
-    optran : ngspice's command that says what it may do besides Newton's method for an operating point.
-    guess : Newton's method must confirm its operating point, as a nodeset.
+    name : its name in reports
+    options : text of an `.options` line after the deck's own, whose values it replaces; empty for none
+    optran : ngspice's command for what it may do besides Newton's method for an operating point
+    guess : Newton's method must confirm its operating point, as a nodeset
     """
 
     name: str

@@ -22,7 +22,6 @@
 #include <ngspice/sharedspice.h>
 
 #define STACK_BYTES (64u << 20) /* ngspice's parser recurses deeply on large decks; pages are only touched when used */
-#define NAME_SLOTS 4096         /* power of two, more than twice the sources a deck may have */
 #define MAX_SOURCES 1024 /* a 256 x 256 array has 513 */
 #define MAX_CORNERS (2 * MAX_SOURCES + 8)
 #define TEXT_BYTES 4096
@@ -32,6 +31,8 @@ enum state { CLOSED, READY, RUNNING, ENDED, ABORTED, FAILED };
 
 struct source {
     char name[64];
+    const char *key;    /* the name in ngspice */
+    int next;           /* the source that it asked for after this one */
     double from, to, t; /* level before and after the edge that starts at t */
     double t_edge;      /* how long its edges last */
     bool asked;         /* ngspice has it as an external source */
@@ -45,8 +46,7 @@ static struct lockstep {
     char command[256];
 
     struct source source[MAX_SOURCES];
-    int n_source;
-    struct { const char *key; int index; } slot[NAME_SLOTS];
+    int n_source, last; /* that ngspice asked for */
 
     char probe_name[MAX_SOURCES][64];
     int probe_vector[MAX_SOURCES], n_probe;
@@ -96,20 +96,14 @@ static int on_char(char *text, int id, void *user)
     const char *said = strncmp(text, "stderr ", 7) ? text : text + 7;
     if (ls.loading && said != text && !strncmp(said, "Error", 5))
         ls.refused = true; /* and what follows says why */
-    if ((ls.loading && ls.refused && said != text) || strcasestr(said, "error") || strcasestr(said, "trouble") || strcasestr(said, "too small") ||
-        strcasestr(said, "singular") || strcasestr(said, "aborted") || strcasestr(said, "no convergence") ||
-        strcasestr(said, "iteration limit") || strcasestr(said, "undefined")) {
-        if (strstr(ls.trouble, said))
-            return 0;
-        size_t used = strlen(ls.trouble);
+    static const char *const words[] = {"error", "trouble", "too small", "singular", "aborted", "no convergence",
+                                        "iteration limit", "undefined"};
+    bool trouble = ls.loading && ls.refused && said != text;
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        trouble = trouble || strcasestr(said, words[i]);
+    size_t used = strlen(ls.trouble);
+    if (trouble && !strstr(ls.trouble, said))
         snprintf(ls.trouble + used, TEXT_BYTES - used, "%s%s", used ? "; " : "", said);
-    }
-    return 0;
-}
-
-static int on_stat(char *text, int id, void *user)
-{
-    (void)text, (void)id, (void)user;
     return 0;
 }
 
@@ -127,23 +121,18 @@ static int on_exit_wish(int status, NG_BOOL immediate, NG_BOOL quit, int id, voi
 
 /* ---- sources ---------------------------------------------------------------------------------------------- */
 
+/* ngspice asks for all sources in the same order again and again, by the addresses of its own names. */
 static int source_index(const char *name)
 {
-    size_t h = ((size_t)name >> 4) & (NAME_SLOTS - 1);
-    for (;; h = (h + 1) & (NAME_SLOTS - 1)) {
-        if (ls.slot[h].key == name)
-            return ls.slot[h].index;
-        if (ls.slot[h].key == NULL)
-            break;
+    int i = ls.source[ls.last].next;
+    if (ls.source[i].key != name) {
+        for (i = 0; i < ls.n_source && strcasecmp(ls.source[i].name, name); i++)
+            ;
+        if (i == ls.n_source)
+            return -1;
+        ls.source[ls.last].next = i, ls.source[i].key = name;
     }
-    /* ngspice hands over the instance's own name, so its address is a key that stays */
-    for (int i = 0; i < ls.n_source; i++)
-        if (!strcasecmp(ls.source[i].name, name)) {
-            ls.slot[h].key = name;
-            ls.slot[h].index = i;
-            return i;
-        }
-    return -1;
+    return ls.last = i;
 }
 
 static double level(const struct source *s, double t)
@@ -262,10 +251,7 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         landed = true;
         ls.met = false;
     }
-    double next = ls.t_target;
-    if (ls.n_corner && ls.corner[0] < next)
-        next = ls.corner[0];
-    double left = next - t;
+    double left = (ls.n_corner ? fmin(ls.corner[0], ls.t_target) : ls.t_target) - t;
     ls.first_of_kind = landed;
     if (landed && ls.kind != AFTER_SAMPLE)
         ls.t_corner = t;
@@ -433,7 +419,7 @@ int lockstep_open(const struct circuit *of)
         ls.remembered[k] = of->t_max_step;
 
     if (!initialised) {
-        if (ngSpice_Init(on_char, on_stat, on_exit_wish, on_data, on_init_data, NULL, NULL))
+        if (ngSpice_Init(on_char, NULL, on_exit_wish, on_data, on_init_data, NULL, NULL))
             return fail("ngspice does not start");
         ngSpice_Init_Sync(on_source, NULL, on_sync, &ident, NULL);
         /* Debian's library evaluates transistors in two threads of OpenMP, which wait for each other by spinning: with more
@@ -555,12 +541,11 @@ static int solve(double after, double to, bool early, int n_edge, const int *edg
     for (int i = 0; i < ls.n_source; i++)
         if (!ls.source[i].asked)
             return wrong_name(ls.source[i].name);
-    for (int p = 0; p < ls.n_probe; p++) {
+    for (int p = 0; p < ls.n_probe; p++)
         if (ls.sampled && !isfinite(ls.probe[p])) {
             snprintf(ls.trouble, TEXT_BYTES, "node \"%.63s\" is %g", ls.probe_name[p], ls.probe[p]);
             return give_up("a sample is no number");
         }
-    }
     return 0;
 }
 

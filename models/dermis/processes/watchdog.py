@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ends the children of a killed command: a separate process that sees the end of the command by a
-pipe.
+"""Ends the children of a killed command: a separate process that sees the end of the command by a pipe.
 
 Every child of a command carries a mark in its environment, which its own children inherit. The mark
 finds processes whose parent is dead, and sessions of their own, which neither a process group nor
