@@ -26,9 +26,8 @@ from dermis.lockstep import ladder
 from dermis.processes import children
 from dermis.records import Plan
 
-HONOURS = netlist.HONOURS
-"""Of a plan in behavioural views; see `honours`."""
-honours = netlist.honours
+HONOURS, honours = netlist.HONOURS, netlist.honours
+"""Of a plan in behavioural views, and of a plan in its own."""
 
 HONOURS_EXACT = frozenset({"g_lateral_row_s", "g_lateral_column_s"})
 """Fields of the exact analog half: its converters are ideal; laterals between ideal lines carry no current."""
@@ -43,8 +42,7 @@ SLOT_LIMIT_S = 120.0
 EFFECTS_LIMIT_FACTOR = 5.0
 """The limit times this with effects: 16 x 16 with all of them took 11 s a row, 70 s on a busy machine."""
 VIEWS_LIMIT_FACTOR = 10.0
-"""With transistors: a row of 16 columns at 29 ms a clock (docs/views.md) is 290 s of one core, and
-four runs may share it."""
+"""With transistors: a row of 16 columns at 29 ms a clock (docs/views.md) is 290 s of one core, shared by four runs."""
 
 
 def refuses(plan: Plan) -> InputError | None:

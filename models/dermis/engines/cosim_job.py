@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Work of one child process of engine cosim: records of numbers and texts, so that the child loads
-neither scenes nor effects nor compiled loops.
-"""
+"""Work of one child process of engine cosim: plain records, so that it loads neither scenes nor compiled loops."""
 
 from __future__ import annotations
 

