@@ -179,10 +179,10 @@ def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -
 def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]:
     """Return the charge switches of a process, [clocks, cols] per frame; entry n follows edge n + 1."""
     frames, timing = len(record["codes"]) // made.rows, made.timing
-    words = [int(word, 16) for word in record["trace_charge"]]
+    words = record["trace"]["charge"]
     bits = np.array([[word >> c & 1 for c in range(made.cols)] for word in words], dtype=bool)
     # Between two frames there are clocks without a row, which belong to neither.
-    begins = [round(float(record[f"wave{frame}_begin_s"]) * timing.f_clk_hz) for frame in range(frames)]
+    begins = record["trace"]["begins"][:frames]
     length = made.rows * timing.slot_clocks - timing.break_clocks
     return [bits[begin : begin + length] for begin in begins]
 

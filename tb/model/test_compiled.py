@@ -48,7 +48,7 @@ GUARDS = {
     # C: lockstep.c and clock_loop.c.
     "lockstep": {
         **dict.fromkeys(("lockstep_advance", "loop_replay"), "NgspiceHalf.check"),
-        **dict.fromkeys(("lockstep_late", "lockstep_open"), "Deck"),
+        "lockstep_open": "Deck",
         **dict.fromkeys(("loop_arm", "loop_levels", "loop_output"), "ClockLoop"),
         **dict.fromkeys(("loop_clock", "loop_drive", "loop_net", "loop_release"), "numbers and text alone"),
         "lockstep_operating_point": "its own text",

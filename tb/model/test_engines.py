@@ -48,10 +48,10 @@ def test_closed_and_event_agree_with_every_effect_that_closed_does(
 ) -> None:
     honoured = [name for name, effect in EFFECTS.items() if effect.bound is bounds.honoured]
     ohm = rng.choice([0.0, math.inf, *rng.uniform(200.0, 1e4, 3), *10 ** rng.uniform(2, 6, 3)], 5)
+    values = {"r_ohm": ohm.tolist()} if rng.random() < 0.5 else {"code": rng.integers(0, 256, 5).tolist()}
     data = {
         "array": {"rows": int(rng.integers(1, 7)), "cols": int(rng.integers(1, 7))},
-        "stimulus": {"kind": "uniform"}
-        | ({"r_ohm": ohm.tolist()} if rng.random() < 0.5 else {"code": rng.integers(0, 256, 5).tolist()}),
+        "stimulus": {"kind": "uniform"} | values,
         "interface": {"topology": topology, "k": int(rng.choice([20, 40, 80, 160]))},
         "effects": drawn(rng, honoured, topology) if rng.random() < 0.8 else {},
         "run": {"seed": int(rng.integers(1000))},
@@ -121,13 +121,7 @@ def test_every_engine_refuses_a_new_field_of_a_record_by_name(
 
 # A loop is compiled for each kind of converter, so not every combination is tried; tb.reference.exact.cell_of
 # derives all of them from the circuit.
-ALL = [
-    "integrator_gain",
-    "integrator_bandwidth",
-    "integrator_range",
-    "comparator_hysteresis",
-    "comparator_delay",
-]
+ALL = "integrator_gain integrator_bandwidth integrator_range comparator_hysteresis comparator_delay".split()
 SHIFTS = ["comparator_offset", "preset_error", "charge_packet"]
 GATE = 30
 
@@ -159,9 +153,8 @@ def cells(plan: Plan) -> list[dict[str, Any]]:
         # Two quotients: a few roundings of 1.1e-16.
         assert x == pytest.approx(0.5 / (80 * 25e-6 * ohm), rel=1e-14)
         if plan.topology == "direct" and "integrator_gain" in on:  # the column itself loads the integrator
-            on["integrator_gain"]["r_in_ohm"] = 1 / (
-                1 / plan.scene.effects["integrator_gain"].r_in_ohm + 1 / ohm
-            )
+            r_in_ohm = plan.scene.effects["integrator_gain"].r_in_ohm
+            on["integrator_gain"]["r_in_ohm"] = 1 / (1 / r_in_ohm + 1 / ohm)
         cell = exact.cell_of(x, on, interface)
         found.append({name: exact._mpf(value) for name, value in cell.items()})
     return found
@@ -174,10 +167,10 @@ def cells(plan: Plan) -> list[dict[str, Any]]:
 )
 def test_event_is_the_walk_in_fifty_digits_to_1e_12(kind: list[str], topology: str) -> None:
     rng, tried = np.random.default_rng(len(kind)), 0
-    if topology == "direct" and "integrator_gain" not in kind:
-        kind = [
-            name for name in kind if name != "integrator_bandwidth"
-        ]  # it loads the column in a way of its own
+    if (
+        topology == "direct" and "integrator_gain" not in kind
+    ):  # bandwidth loads the column in a way of its own
+        kind = [name for name in kind if name != "integrator_bandwidth"]
     for _ in range(8):
         on = {name: EFFECTS[name].draw(rng) for name in kind}
         on |= {name: EFFECTS[name].draw(rng) for name in SHIFTS if rng.random() < 0.5}

@@ -35,7 +35,13 @@ class PythonBridge(bridge.Bridge):
     async def _frame(self, frame: int, loop: ClockLoop, half: AnalogHalf) -> None:
         dut, timing = self._dut, self._timing
         t_clk = 1.0 / timing.f_clk_hz
-        old = self._levels(*self._pins())
+        widths = timing.rows, 1, self._cols
+
+        def levels() -> list[float]:
+            words = zip(self._pins(), widths, strict=True)
+            return [float(word >> bit & 1) for word, width in words for bit in range(width)]
+
+        old = levels()
         delays = [0.0] * (timing.rows + 1) + [self.charge_delay_clocks * t_clk] * self._cols
         if self.trace is not None:
             self.trace.begins.append(len(self.trace.row_select))
@@ -51,9 +57,8 @@ class PythonBridge(bridge.Bridge):
             if self._sync_latch:
                 await self._settled
             self._record()
-            row, *others = self._pins()
-            dut.row_sense_i.value = row
-            new = self._levels(row, *others)
+            dut.row_sense_i.value = self._pins()[0]
+            new = levels()
             edges = [(clock * t_clk + delays[i], i, level) for i, level in enumerate(new) if level != old[i]]
             old = new
         self.samples.append(np.array(kept))

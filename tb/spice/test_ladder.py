@@ -47,14 +47,19 @@ def test_a_start_is_taken_by_the_circuit_that_needs_it_and_by_none_below(rung: s
     assert abs(value - float(circuits.needed_operating_point(rung))) < 1e-6
 
 
+def half_of(
+    lines: tuple[str, ...], probe: str, step_s: float, t_stop_s: float, **how: ladder.Level
+) -> NgspiceHalf:
+    """A circuit without sources of the digital side."""
+    deck, log = Deck(("circuit", *lines), (), (), (), (probe,)), Path("/dev/null")
+    return NgspiceHalf(deck, t_edge_s=1e-9, t_max_step_s=step_s, t_stop_s=t_stop_s, log=log, **how)
+
+
 def leap(foot: int) -> tuple[float, list[str | None]]:
     way = ladder.Climb("leap", ladder.Level(0, foot), report=lambda line: None)
-    deck = Deck(("leap", *circuits.LEAP), (), (), (), ("leap",))
 
     def attempt(level: ladder.Level) -> float:
-        half = NgspiceHalf(
-            deck, t_edge_s=1e-9, t_max_step_s=1e-6, t_stop_s=1e-4, log=Path("/dev/null"), level=level
-        )
+        half = half_of(circuits.LEAP, "leap", 1e-6, 1e-4, level=level)
         samples = [half.advance(k * 1e-6, [])[0] for k in range(101)]
         return max(abs(sample - circuits.leap_v()) for sample in samples[61:])
 
@@ -63,15 +68,11 @@ def leap(foot: int) -> tuple[float, list[str | None]]:
 
 def test_what_a_node_leaps_by_alternates_with_trapezoids_and_is_gone_with_gear() -> None:
     error, retries = apart(leap, 0)
-    print(f"capacitance: {error:.2g} V from {circuits.leap_v():.6f} V")
     assert retries == ["capacitance"]
-    # ngspice's reltol 1e-3 of half a volt
-    assert error < 5e-4
+    assert error < 5e-4  # ngspice's reltol 1e-3 of half a volt
     error, retries = apart(leap, 2)
-    print(f"gear: {error:.2g} V")
     assert retries == []
-    # the millionth of a volt that vntol is
-    assert error < 1e-6
+    assert error < 1e-6  # the millionth of a volt that vntol is
 
 
 def own_deck(steps: int, poles: bool) -> tuple[list[int], list[ladder.Retry]]:
@@ -108,15 +109,14 @@ def exhausted(lines: tuple[str, ...]) -> SimulatorError:
 
 
 def test_beyond_the_ladder_are_time_node_and_advice() -> None:
-    error = apart(exhausted, circuits.LATE_RELAY)
-    assert error.exit_code == 3
-    assert re.search(
-        r'at 1\.5\d*e-06 s.*node "c".*tried: plain, capacitance, gear; try: look at c', str(error)
-    )
-    error = apart(exhausted, circuits.RELAY)
-    assert re.search(
-        r"at 0 s.*tried: plain, gmin_stepping, source_stepping, ramp; try: a nodeset at c", str(error)
-    )
+    said = {
+        circuits.LATE_RELAY: r'at 1\.5\d*e-06 s.*node "c".*tried: plain, capacitance, gear; try: look at c',
+        circuits.RELAY: "at 0 s.*tried: plain, gmin_stepping, source_stepping, ramp; try: a nodeset at c",
+    }
+    for lines, words in said.items():
+        error = apart(exhausted, lines)
+        assert error.exit_code == 3
+        assert re.search(words, str(error))
 
 
 def test_a_batch_deck_takes_the_same_ladder_and_says_so(
@@ -134,9 +134,7 @@ def test_a_batch_deck_takes_the_same_ladder_and_says_so(
 
 def floating() -> None:
     """A node without an operating point, to which ngspice alone gives 0.25 V by a hidden transient."""
-    deck = Deck(("hidden", *circuits.FLOATING), (), (), (), ("b",))
-    half = NgspiceHalf(deck, t_edge_s=1e-9, t_max_step_s=1e-7, t_stop_s=1e-6, log=Path("/dev/null"))
-    half.advance(0.0, [])
+    half_of(circuits.FLOATING, "b", 1e-7, 1e-6).advance(0.0, [])
 
 
 def test_a_hidden_transient_is_no_answer() -> None:
@@ -146,13 +144,7 @@ def test_a_hidden_transient_is_no_answer() -> None:
 
 def sampled(lines: tuple[str, ...]) -> None:
     """Samples of node c at 0.5, 1, 1.5 and 2 us, plainly."""
-    half = NgspiceHalf(
-        Deck(("sample", *lines), (), (), (), ("c",)),
-        t_edge_s=1e-9,
-        t_max_step_s=1e-7,
-        t_stop_s=2e-6,
-        log=Path("/dev/null"),
-    )
+    half = half_of(lines, "c", 1e-7, 2e-6)
     for time_s in (0.0, 5e-7, 1e-6, 1.5e-6, 2e-6):
         half.advance(time_s, [])
 
@@ -163,9 +155,8 @@ BEYOND = ("v1 a 0 pwl(0 0 1u 0 2u 1)", "r1 a 0 1k", "e1 b 0 a 0 1e308", "e2 c 0 
 
 
 def test_a_sample_beyond_the_range_of_numbers_is_an_abort_that_says_so() -> None:
-    with pytest.raises(
-        ladder.Abort, match=r'ngspice at 1\.5e-06 s: a sample is no number: node "c" is -?inf'
-    ):
+    said = r'ngspice at 1\.5e-06 s: a sample is no number: node "c" is -?inf'
+    with pytest.raises(ladder.Abort, match=said):
         apart(sampled, BEYOND)
 
 

@@ -38,9 +38,8 @@ def difference(one: dict[str, Any], other: dict[str, Any]) -> str:
         return "codes"
     if not all(np.array_equal(a, b) for a, b in zip(one["samples"], other["samples"], strict=True)):
         return "samples"
-    for (steps, (time, volts)), (steps_2, (time_2, volts_2)) in zip(
-        one["halves"], other["halves"], strict=True
-    ):
+    pairs = zip(one["halves"], other["halves"], strict=True)
+    for (steps, (time, volts)), (steps_2, (time_2, volts_2)) in pairs:
         if steps["accepted"] != steps_2["accepted"] or not np.array_equal(time, time_2):
             return "time points"
         if not all(np.array_equal(volts[name], volts_2[name]) for name in volts):
@@ -82,11 +81,7 @@ def test_both_loops_are_equal_to_the_bit(resistance_plan: MakePlan, tmp_path: Pa
 # Text of clock_loop.c, a fault in its place, and the quantity that shows it.
 FAULTS = {
     "delay": ("(double)(net->tick - lp.event_tick)", "0.0", "codes|samples|pins"),
-    "bit": (
-        "            put(out->handle, ",
-        "            out->bits[0] >>= 1, put(out->handle, ",
-        "codes|samples|pins",
-    ),
+    "bit": ("           put(out->handle, ", "out->bits[0] >>= 1, put(out->handle, ", "codes|samples|pins"),
     "early": ("lp.settle = (tick_t)settle", "lp.settle = (tick_t)settle / 2", "Error"),
 }
 

@@ -9,27 +9,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from system_bench import FaultyChip, MakePlan
+from system_bench import FaultyChip, MakePlan, of_codes
 
 from dermis import engines
 from dermis.chip import netlist
 from dermis.chip.analog import ExactHalf
-from dermis.chip.netlist import integrator_nodes
 from dermis.engines import Result, closed, cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.lockstep.ngspice import Deck
 from dermis.report import comparison
-from dermis.report.waves import trace
+from dermis.report.waves import integrator_waves, trace
 from dermis.scene.design import TOPOLOGIES
 from tb.reference.ladder_circuits import LEAP
-
-UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
-
-
-def of_codes(codes: np.ndarray) -> np.ndarray:
-    """Resistances with x = c / 510 exactly."""
-    with np.errstate(divide="ignore"):
-        return UNIT_OHM * 510 / np.asarray(codes, dtype=float)
 
 
 @pytest.mark.parametrize(
@@ -54,57 +45,24 @@ def test_verilog_counts_what_charge_balance_says(
     assert np.array_equal(got, closed.run(made).codes)
 
 
+SPI = "dermis_spi.v", "assign cipo_o           = cipo_q;"
 FAULTY_CHIPS = {
     # file, right, wrong, what the run says
-    "crc": (
-        "dermis_packer.v",
-        "16'hFFFF",
-        "16'h0000",
-        "read-out 1 of 1 through SPI: frame of 38 bytes: CRC .* does not match",
-    ),
-    "frame_number": (
-        "dermis_packer.v",
-        "frame_number_q + 16'd1",
-        "frame_number_q + 16'd2",
-        "the chip handed over number 2 in place of 1",
-    ),
-    "slot_number": (
-        "dermis_packer.v",
-        "data = slot_i",
-        "data = slot_i + 8'd1",
-        r"slots \(1, 2\) in place of",
-    ),
+    "crc": ("dermis_packer.v", "16'hFFFF", "16'h0000", "through SPI: frame of 38 bytes: CRC .* does not match"),
+    "frame_number": ("dermis_packer.v", "_number_q + 16'd1", "_number_q + 16'd2", "handed over number 2 in place of 1"),
+    "slot_number": ("dermis_packer.v", "data = slot_i", "data = slot_i + 8'd1", r"slots \(1, 2\) in place of"),
     "x_on_charge": (
-        "dermis_safe_outputs.v",
-        "assign charge_o       = charge_i",
-        "assign charge_o = row_select_i[1] ? {COLS{1'bx}} : charge_i",
-        r"dermis_top\.charge_o is x+, not 0 or 1",
+        "dermis_safe_outputs.v", "assign charge_o       = charge_i",
+        "assign charge_o = row_select_i[1] ? {COLS{1'bx}} : charge_i", r"dermis_top\.charge_o is x+, not 0 or 1",
     ),
     "never_ready": (
-        "dermis_frame_buffer.v",
-        "assign frame_ready_o = ready_q;",
-        "assign frame_ready_o = 1'b0;",
+        "dermis_frame_buffer.v", "assign frame_ready_o = ready_q;", "assign frame_ready_o = 1'b0;",
         "never reports a frame as ready",
     ),
-    "cipo_at_1": (
-        "dermis_spi.v",
-        "assign cipo_o           = cipo_q;",
-        "assign cipo_o = 1'b1;",
-        "0xFF is no token",
-    ),
-    "cipo_at_0": (
-        "dermis_spi.v",
-        "assign cipo_o           = cipo_q;",
-        "assign cipo_o = 1'b0;",
-        "no answer after",
-    ),
-    "no_scan": (
-        "dermis_row_scanner.v",
-        "= row_select_q;",
-        "= {ROWS{1'b0}};",
-        "does not begin with row 0 driven",
-    ),
-}
+    "cipo_at_1": (*SPI, "assign cipo_o = 1'b1;", "0xFF is no token"),
+    "cipo_at_0": (*SPI, "assign cipo_o = 1'b0;", "no answer after"),
+    "no_scan": ("dermis_row_scanner.v", "= row_select_q;", "= {ROWS{1'b0}};", "does not begin with row 0 driven"),
+}  # fmt: skip
 
 
 @pytest.mark.long
@@ -183,26 +141,22 @@ def test_integrators_follow_the_exact_half_to_a_microvolt(resistance_plan: MakeP
     made = resistance_plan(600 * 50 ** rng.random((2, 4)))
     record = cosim.run(made, record=True).info["records"][0]
     t_clk, rows, cols = 1.0 / made.timing.f_clk_hz, made.rows, made.cols
-    time = record["wave0_time_s"]
-    volts = np.array([record[f"wave0_{integrator_nodes(c)[0]}"] for c in range(cols)])
+    time, volts = integrator_waves(record, cols)
     duty = made.duty_ideal()[0]
     levels = [1.0] + [0.0] * (rows - 1) + [1.0] + [0.0] * cols
     half = ExactHalf(duty, levels, t_clk_s=t_clk, t_edge_s=cosim.Solver().t_edge_s)
     nets = [trace(record, name) for name in ("row_select", "preset", "charge")]
-    old = (1, 1, 0)
-    edges: list[tuple[float, int, float]] = []
-    worst = 0.0
+    old, edges, worst = (1, 1, 0), [], 0.0
     for clock, new in enumerate(zip(*nets, strict=True), start=1):
         half.advance(clock * t_clk, edges)
         at = int(np.argmin(np.abs(time - clock * t_clk)))
         assert abs(time[at] - clock * t_clk) < 1e-15, "every clock edge is a time point"
         if old[1] == 0:
             worst = max(worst, float(np.abs(-volts[:, at] - half.w * made.converter.packet_v()).max()))
-        edges = []
-        for net, first, width in ((0, 0, rows), (1, rows, 1), (2, rows + 1, cols)):
-            for bit in range(width):
-                if (new[net] ^ old[net]) >> bit & 1:
-                    edges.append((clock * t_clk, first + bit, float(new[net] >> bit & 1)))
+        places = ((0, 0, rows), (1, rows, 1), (2, rows + 1, cols))
+        bits = [(net, first + bit, bit) for net, first, width in places for bit in range(width)]
+        changed = [(net, source, bit) for net, source, bit in bits if (new[net] ^ old[net]) >> bit & 1]
+        edges = [(clock * t_clk, source, float(new[net] >> bit & 1)) for net, source, bit in changed]
         old = new
     # A packet is 1 V; steps are as long as a clock.
     assert worst < 1e-6

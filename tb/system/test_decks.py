@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from system_bench import MakePlan
+from system_bench import OF_THE_CHIP, RANDOM, SENSOR, MakePlan, scene_of
 
 from dermis import effects
 from dermis.chip import netlist
@@ -34,9 +33,8 @@ def names(count: int, *stems: str) -> Counter[str]:
     return Counter(dict.fromkeys(stems, count))
 
 
-# By effect: the number of elements and parameters that it adds to the deck, each name with # for
-# its numbers. A parameter is written element.parameter; `.options` limits the steps to a pole. An
-# effect without a row adds anything.
+# By effect: the number of elements and parameters that it adds to the deck, each name with # for its numbers. A
+# parameter is written element.parameter; `.options` limits the steps to a pole. An effect without a row adds anything.
 MIRRORED = ("conveyor_mirror", "conveyor_mirror_inverted")
 ADDS: dict[str, Counter[str]] = {
     "lateral": names(ROWS * (COLS - 1), "rlat_r#c#"),
@@ -55,10 +53,7 @@ ADDS: dict[str, Counter[str]] = {
     "charge_packet": names(COLS, "xch#.packet_error"),
     "preset_error": names(COLS, "xch#.v_preset_v"),
     "trace": names(ROWS * COLS, "rtrace_row_r#c#", "rtrace_col_r#c#") + names(TAXELS, "rtaxel_r#c#"),
-    "line_capacitance": names(ROWS, "crow#")
-    + names(COLS, "ccolumn#")
-    + names(ROWS * COLS, "ctaxel_r#c#")
-    + names(1, ".options"),
+    "line_capacitance": Counter({"crow#": ROWS, "ccolumn#": COLS, "ctaxel_r#c#": ROWS * COLS, ".options": 1}),
     "mux_leakage": names(COLS, "ileak#"),
     "mirror_output": names(COLS, "xch#.int_r_in_ohm"),
     "mirror_lag": names(COLS, "xch#.out_q_lag_c") + names(1, ".options"),
@@ -73,9 +68,6 @@ ADDS: dict[str, Counter[str]] = {
 ALWAYS = {
     "xch#", "xrow#", "xch#.v_preset_v", "xrow#.r_on_ohm", "xrow#.r_ground_ohm", "vbias", ".options", "rtaxel_r#c#",
 }  # fmt: skip
-
-RANDOM = {name for name, effect in effects.EFFECTS.items() if effect.random}
-SENSOR = {name for name in effects.EFFECTS if name.startswith("sensor_")}
 
 
 def atoms(plan: Plan, frame: int = 0) -> Counter[str]:
@@ -102,25 +94,6 @@ def kinds(some: Counter[str]) -> Counter[str]:
     return found
 
 
-def scene_of(on: Mapping[str, object]) -> str:
-    """Effects as a scene has them: tables of numbers, true or false."""
-
-    def text(value: object) -> str:
-        if isinstance(value, Mapping):
-            return "{ " + ", ".join(f"{key} = {number!r}" for key, number in value.items()) + " }"
-        return str(value).lower()
-
-    return "\n".join(f"{name} = {text(value)}" for name, value in on.items())
-
-
-def effects_of(topology: str) -> dict[str, object]:
-    """Every effect that a deck honours and a topology has, as its example."""
-    chosen = [
-        e for e in effects.EFFECTS.values() if e.name not in RANDOM | SENSOR and topology in e.topologies
-    ]
-    return {effect.name: effect.example(topology) for effect in chosen}
-
-
 @pytest.mark.parametrize("topology", TOPOLOGIES)
 def test_effects_named_and_switched_off_leave_the_deck_as_it_is_without_them(
     resistance_plan: MakePlan, topology: str
@@ -131,24 +104,20 @@ def test_effects_named_and_switched_off_leave_the_deck_as_it_is_without_them(
 
 
 @pytest.mark.parametrize("topology", MIRRORED)
-@pytest.mark.parametrize("name", sorted(effects.EFFECTS.keys() - RANDOM - SENSOR))
+@pytest.mark.parametrize("name", sorted(OF_THE_CHIP))
 def test_an_effect_alone_adds_exactly_its_own_elements(
     resistance_plan: MakePlan, topology: str, name: str
 ) -> None:
-    bare, got = (
-        atoms(resistance_plan(OHM, topology)),
-        atoms(resistance_plan(OHM, topology, scene_of({name: True}))),
-    )
+    bare = atoms(resistance_plan(OHM, topology))
+    got = atoms(resistance_plan(OHM, topology, scene_of({name: True})))
     added = kinds(got - bare)
     assert added == ADDS.get(name, added)
     assert added, "no element and no parameter"
-    # what goes is replaced: a value that is always written, the taxels that trace and motion write
-    # in another way
+    # What goes is replaced: a value that is always written, taxels that trace and motion write in another way.
     gone = kinds(bare - got)
     assert gone.keys() <= ({"rtaxel_r#c#"} if name in ("trace", "motion") else ALWAYS - {"rtaxel_r#c#"})
-    assert name != "motion" or gone == names(MOVING - 1, "rtaxel_r#c#"), (
-        "the open taxel had no element before"
-    )
+    if name == "motion":  # the open taxel had no element before
+        assert gone == names(MOVING - 1, "rtaxel_r#c#")
 
 
 def test_shared_values_are_sums_of_what_each_effect_adds(resistance_plan: MakePlan) -> None:
@@ -179,12 +148,11 @@ def test_blocks_of_a_deck_go_by_the_clock_of_its_plan(resistance_plan: MakePlan)
     fast = replace(plan, timing=replace(plan.timing, f_clk_hz=4.0 * plan.timing.f_clk_hz))
     for made in (plan, fast):
         lines = frame_deck(made, 0, LEVELS).lines
-        given = [i for i, line in enumerate(lines) if line.startswith(".param converter_f_clk_hz=")]
-        include = next(i for i, line in enumerate(lines) if "design.inc" in line)
-        # ngspice takes the last one.
-        assert len(given) == 1
-        assert given[0] > include
-        assert float(lines[given[0]].partition("=")[2]) == made.timing.f_clk_hz
+        (given,) = (i for i, line in enumerate(lines) if line.startswith(".param converter_f_clk_hz="))
+        assert given > next(
+            i for i, line in enumerate(lines) if "design.inc" in line
+        )  # ngspice takes the last one
+        assert float(lines[given].partition("=")[2]) == made.timing.f_clk_hz
 
 
 BITES = "integrator_range = { v_max_v = 0.69, v_min_v = -0.56 }"

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -17,17 +18,14 @@ from system_bench import MakePlan, dermis, processes_with
 
 from dermis.engines import cosim
 from dermis.errors import SimulatorError
+from dermis.processes import watchdog
 from dermis.scene.design import ROOT
+from tb.programs.faults.bench import poll
 
 
-def gone(text: str, within_s: float = 5.0) -> bool:
+def gone(text: str) -> bool:
     """Return True once no process with a text in its command line is left."""
-    end = time.monotonic() + within_s
-    while time.monotonic() < end:
-        if not processes_with(text):
-            return True
-        time.sleep(0.1)
-    return False
+    return bool(poll(lambda: not processes_with(text), 5.0))
 
 
 def test_an_abort_of_ngspice_names_time_node_and_log(resistance_plan: MakePlan, tmp_path: Path) -> None:
@@ -68,16 +66,9 @@ def test_a_simulator_that_stops_answering_is_ended(
 
 def start_run(out: Path, scene: str = "uniform_staircase") -> subprocess.Popen[str]:
     """Start a cosim run of many frames and wait for its children."""
-    child = subprocess.Popen(
-        [sys.executable, "-m", "dermis", "run", scene, "--engine", "cosim", "--out", str(out)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
-    end = time.monotonic() + 60
-    while time.monotonic() < end and not job_of(child.pid):
-        time.sleep(0.1)
+    command = [sys.executable, "-m", "dermis", "run", scene, "--engine", "cosim", "--out", str(out)]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+    poll(lambda: job_of(child.pid), 60.0)
     time.sleep(1.0)
     return child
 
@@ -85,12 +76,9 @@ def start_run(out: Path, scene: str = "uniform_staircase") -> subprocess.Popen[s
 def job_of(parent: int) -> str | None:
     """Return the job directory of a run's first simulator."""
     for pid in processes_with("DERMIS_COSIM_JOB="):
-        try:
-            if int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1]) == parent:
+        with contextlib.suppress(OSError, IndexError):  # it has ended meanwhile
+            if int(watchdog.status(pid)[1]) == parent:
                 return str(Path(f"/proc/{pid}/cwd").readlink())
-        # The process has ended meanwhile.
-        except (OSError, ValueError):
-            continue
     return None
 
 

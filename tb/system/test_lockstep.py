@@ -103,9 +103,9 @@ c2 y 0 1p
 '''
 
 
-def cosim(inputs, **more):
-    options = dict(clock="dut.clk", period_s=1e-6, reset="dut.rst_n", step_s=1e-8, log="own.log") | more
-    return Cosim(RC, inputs, {"dut.comp": Compare("x", above=0.5)}, **options)
+def cosim(inputs, outputs={"dut.comp": Compare("x", above=0.5)}, more="", **options):
+    options = dict(clock="dut.clk", period_s=1e-6, reset="dut.rst_n", step_s=1e-8, log="own.log") | options
+    return Cosim(RC + more, inputs, outputs, **options)
 
 
 async def said(dut, sim, clocks=20):
@@ -197,8 +197,8 @@ TESTS = {
         found = await said(dut, cosim(inputs))
         assert words in found and chr(10) not in found, found
     outputs = {"dut.comp": Compare("x", above=0.5, crossing=True)}
-    options = dict(clock="dut.clk", period_s=1e-6, reset="dut.rst_n", settle_s=0.5e-6, log="own.log")
-    found = await said(dut, Cosim(RC, {"dut.dac": Drive("vd_a"), "dut.other": Drive("vd_b")}, outputs, **options))
+    sim = cosim({"dut.dac": Drive("vd_a"), "dut.other": Drive("vd_b")}, outputs, settle_s=0.5e-6)
+    found = await said(dut, sim)
     assert "below half" in found, found
 """,
     "a_process_goes_on_after_a_fault": """
@@ -207,8 +207,7 @@ TESTS = {
         sim = cosim({"dut.caught": Drive("vd_a"), "dut.level": Drive("nothing")})
         assert "vd_b" in await said(dut, sim)
         for more, words in (("x1 x none", "none"), ("c9 alone 0 1p", "alone"), (".include none.inc", "none.inc")):
-            sim = Cosim(RC + more, inputs, {}, clock="dut.clk", period_s=1e-6, reset="dut.rst_n", log="own.log")
-            assert words in await said(dut, sim), words
+            assert words in await said(dut, cosim(inputs, {}, more)), words
         assert "nowhere" in await said(dut, cosim(inputs, probes=["nowhere"]))
     sim = cosim(inputs, probes=["d_a"])
     assert await said(dut, sim, 10) == "" and int(dut.code.value) in (9, 10, 11), "one clock drives it"
@@ -217,21 +216,20 @@ TESTS = {
     inputs = {"dut.dac": Drive("vd_a"), "dut.code": Drive("vd_b")}
     # 1 mA for 20 ns and two ramps of 1 ns into 100 pF
     pulse = "vp p 0 pulse(0 1 2.33u 1n 1n 20n 1)" + chr(10) + "gq 0 q p 0 1m" + chr(10) + "cq q 0 100p" + chr(10)
-    rc = RC + pulse + "rq q 0 1g" + chr(10)
+    pulse += "rq q 0 1g" + chr(10)
     for step in (1e-6, 1e-7):
-        options = dict(clock="dut.clk", period_s=1e-6, reset="dut.rst_n", step_s=step, log="own.log")
-        sim = Cosim(rc, inputs, {"dut.comp": Compare("q", above=0.1)}, **options)
+        sim = cosim(inputs, {"dut.comp": Compare("q", above=0.1)}, pulse, step_s=step)
         assert await said(dut, sim, 5) == ""
         assert abs(sim.samples["q"][-1] - 0.21) < 1e-4, (step, sim.samples["q"])  # of ngspice, on the ramps
-        sim = Cosim(rc, inputs, {"dut.comp_b": Compare("p", above=0.5, crossing=True)}, **options)
+        sim = cosim(inputs, {"dut.comp_b": Compare("p", above=0.5, crossing=True)}, pulse, step_s=step)
         assert "passed 0.5 V by 0.5 V" in await said(dut, sim, 5), "a pulse between two points"
 """,
     "a_crossing_at_a_clock_edge_is_told_there": """
     inputs = {"dut.dac": Drive("vd_a"), "dut.code": Drive("vd_b")}
     for at in (2.499999e-6, 2.4999985e-6, 2.4999995e-6, 2.50001e-6):  # an edge is at 2.499999 us
-        rc = RC + f"vp p 0 pwl(0 0 {2 * at} 1)" + chr(10) + "rp p 0 1k" + chr(10)
+        ramp = f"vp p 0 pwl(0 0 {2 * at} 1)" + chr(10) + "rp p 0 1k" + chr(10)
         outputs = {"dut.comp": Compare("p", above=2.0), "dut.comp_b": Compare("p", above=0.5, crossing=True)}
-        sim = Cosim(rc, inputs, outputs, clock="dut.clk", period_s=1e-6, reset="dut.rst_n", log="own.log")
+        sim = cosim(inputs, outputs, ramp, step_s=None)
         async with sim.running(dut):
             began = get_sim_time("step")
             await RisingEdge(dut.comp_b)
@@ -242,25 +240,24 @@ TESTS = {
     for apart in (1e-11, 1e-7):
         above = {"dut.comp": 0.5, "dut.comp_b": 0.5 + apart}
         outputs = {net: Compare("p", above=v, crossing=True) for net, v in above.items()}
-        sim = Cosim(rc, inputs, outputs, clock="dut.clk", period_s=1e-6, reset="dut.rst_n", log="own.log")
+        sim = cosim(inputs, outputs, ramp, step_s=None)
         assert await said(dut, sim, 5) == "" and sim.overshoot_v < 2e-12
     # high from 2.2 us to 2.35 us, which is within settle_s before the edge at 2.5 us
-    rc = RC + "vp p 0 pwl(0 0 2.1u 0 2.3u 1 2.4u 0)" + chr(10) + "rp p 0 1k" + chr(10)
-    sim = Cosim(rc, inputs, {"dut.comp_b": Compare("p", above=0.5, crossing=True)}, settle_s=0.4e-6, step_s=1e-8,
-                clock="dut.clk", period_s=1e-6, reset="dut.rst_n", log="own.log")
+    pulse = "vp p 0 pwl(0 0 2.1u 0 2.3u 1 2.4u 0)" + chr(10) + "rp p 0 1k" + chr(10)
+    sim = cosim(inputs, {"dut.comp_b": Compare("p", above=0.5, crossing=True)}, pulse, settle_s=0.4e-6)
     assert "crossed twice" in await said(dut, sim, 5)
 """,
     "both_edges_of_a_clock": """
     inputs = {"dut.dac": Drive("vd_a"), "dut.fell": Drive("vd_b")}
-    rc = RC + "vp p 0 pwl(0 0 10u 1)" + chr(10) + "rp p 0 1k" + chr(10)
-    options = dict(clock="dut.clk", period_s=1e-6, reset="dut.rst_n", probes=["d_b"], log="own.log")
+    ramp = "vp p 0 pwl(0 0 10u 1)" + chr(10) + "rp p 0 1k" + chr(10)
+    options = dict(more=ramp, probes=["d_b"], step_s=None)
     for above in (0.42, 0.47, 0.52):  # before the falling edge at 5 us, or after the rising one
-        sim = Cosim(rc, inputs, {"dut.comp": Compare("p", above=above)}, both_edges=True, **options)
+        sim = cosim(inputs, {"dut.comp": Compare("p", above=above)}, both_edges=True, **options)
         assert await said(dut, sim, 9) == ""
         assert np.allclose(np.diff(sim.times)[1:], 5e-7, rtol=1e-9, atol=0)
         falls = np.flatnonzero((sim.samples["p"] > above) & (np.round(sim.times * 1e6, 3) % 1.0 < 0.1))
         assert sim.samples["d_b"][falls[0]] == 0.0 and sim.samples["d_b"][falls[0] + 1] == 1.0, above
-    sim = Cosim(rc, inputs, {"dut.comp": Compare("p", above=0.5)}, **options)
+    sim = cosim(inputs, {"dut.comp": Compare("p", above=0.5)}, **options)
     assert "own.fell changed at " in await said(dut, sim)
 """,
     "a_netlist_in_another_folder": """
@@ -278,8 +275,8 @@ TESTS = {
 """,
     "an_output_that_the_verilog_drives_is_named": """
     outputs = {"dut.dac": Compare("d_b", above=0.5)}
-    sim = Cosim(RC, {"dut.late": Drive("vd_a"), "dut.other": Drive("vd_b")}, outputs, log="own.log", reset="dut.rst_n",
-                clock={"dut.clk": 1e-6, "dut.clk_b": 0.7e-6}, settle_s=5e-9)
+    clocks = {"dut.clk": 1e-6, "dut.clk_b": 0.7e-6}
+    sim = cosim({"dut.late": Drive("vd_a"), "dut.other": Drive("vd_b")}, outputs, clock=clocks, settle_s=5e-9)
     assert "own.dac is not as the circuit set it" in await said(dut, sim)
 """,
     "an_x_is_named": """

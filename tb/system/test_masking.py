@@ -89,10 +89,9 @@ def test_a_decided_cell_that_reads_otherwise_has_every_row_solved(
 
 RIPPLE = "motion = {}\nsupply_ripple = { relative = 0.05, frequency_hz = 700.0 }\n"
 ALONE = "lateral = false\nintegrator_gain = false\nintegrator_bandwidth = false\n"
-# Scenes with everything on in which one row alone is open: topology, effects, shape, seed, and that
-# row. Columns of `direct` that move each other would all be solved. With ripple and moving taxels
-# the last row is wrong by several codes if its scan begins at time zero. Slow mirrors
-# remember the row before, which is solved as well.
+# Scenes with everything on in which one row alone is open: topology, effects, shape, seed, and that row. Columns of
+# `direct` that move each other would all be solved. With ripple and moving taxels the last row is off by several codes
+# if its scan begins at time zero. Slow mirrors remember the row before, which is solved as well.
 SCENES = {
     "direct": ("direct", ALONE, (3, 2), 36, 1),
     "mirror": ("conveyor_mirror", "", (5, 3), 99, 2),

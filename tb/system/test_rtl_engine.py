@@ -6,14 +6,13 @@ from __future__ import annotations
 import re
 import shutil
 import sys
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from system_bench import MakePlan, dermis, processes_with
+from system_bench import OF_THE_CHIP, MakePlan, dermis, effects_of, of_codes, processes_with, scene_of
 
 from dermis import effects, simulate
 from dermis.chip import hdl, spi_protocol
@@ -22,17 +21,6 @@ from dermis.errors import InputError, SimulatorError
 from dermis.processes import children
 from dermis.records import Plan
 from dermis.scene.design import TOPOLOGIES
-
-UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
-
-# Every effect that is not random and not of the sheet, large enough to be seen in a code.
-EFFECTS = [e.name for e in effects.EFFECTS.values() if not e.random and not e.name.startswith("sensor_")]
-
-
-def of_codes(codes: np.ndarray) -> np.ndarray:
-    """Resistances with x = c / 510 exactly."""
-    with np.errstate(divide="ignore"):
-        return UNIT_OHM * 510 / np.asarray(codes, dtype=float)
 
 
 def random_ohm(seed: int, *shape: int) -> np.ndarray:
@@ -44,24 +32,6 @@ def by_event(made: Plan, sync_latch: bool = False) -> np.ndarray:
     """Codes of engine event, as integers."""
     timing = replace(made.timing, charge_delay_clocks=0.5 if sync_latch else 1.0)
     return event.run(replace(made, timing=timing)).codes.astype(int)
-
-
-def lines(on: Mapping[str, Mapping[str, object]]) -> str:
-    """Effects as a scene has them."""
-    tables = {name: ", ".join(f"{key} = {value!r}" for key, value in on[name].items()) for name in on}
-    return "\n".join(f"{name} = {{ {inside} }}" for name, inside in tables.items())
-
-
-def alone(name: str) -> str:
-    """One effect, and what it needs to act."""
-    effect = effects.EFFECTS[name]
-    return lines({**effect.needs, name: effect.example()})
-
-
-def together(topology: str) -> str:
-    """Every effect that the topology has, at once."""
-    chosen = [effects.EFFECTS[name] for name in EFFECTS if topology in effects.EFFECTS[name].topologies]
-    return lines({effect.name: effect.example(topology) for effect in chosen})
 
 
 # ---- the ideal reader
@@ -93,16 +63,12 @@ def test_ideal_scenes_equal_the_closed_formula_and_the_event_engine(resistance_p
     assert np.array_equal(got, event.run(made).codes)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (5, 1), (2, 20)])
+# 128 columns are 1160 bits in 625 clocks: the clock of the host is faster than that of the chip.
+@pytest.mark.parametrize(
+    "shape", [(1, 1), (5, 1), (2, 20), pytest.param((1, 128), marks=pytest.mark.long)], ids=str
+)
 def test_any_size_reads_the_same(resistance_plan: MakePlan, shape: tuple[int, int]) -> None:
     made = resistance_plan(random_ohm(2, 3, *shape))
-    assert np.array_equal(rtl.run(made, simulator="icarus").codes, closed.run(made).codes)
-
-
-@pytest.mark.long
-def test_a_host_reads_wide_arrays_in_time(resistance_plan: MakePlan) -> None:
-    """128 columns are 1160 bits in 625 clocks: the clock of the host is faster than that of the chip."""
-    made = resistance_plan(random_ohm(15, 3, 1, 128))
     assert np.array_equal(rtl.run(made, simulator="icarus").codes, closed.run(made).codes)
 
 
@@ -121,10 +87,11 @@ def test_parts_of_a_run_follow_each_other(resistance_plan: MakePlan, monkeypatch
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", OF_THE_CHIP)
 def test_an_effect_alone_equals_the_event_engine(resistance_plan: MakePlan, name: str) -> None:
     ohm = random_ohm(5, 2, 2, 12)
-    made = resistance_plan(ohm, effects=alone(name))
+    effect = effects.EFFECTS[name]
+    made = resistance_plan(ohm, effects=scene_of({**effect.needs, name: effect.example()}))
     for sync_latch in (False, True):
         got = rtl.run(made, simulator="icarus", sync_latch=sync_latch).codes.astype(int)
         expected = by_event(made, sync_latch)
@@ -132,21 +99,14 @@ def test_an_effect_alone_equals_the_event_engine(resistance_plan: MakePlan, name
         assert np.abs(expected - closed.run(resistance_plan(ohm)).codes).max() >= 1, "too small to be seen"
 
 
-@pytest.mark.parametrize(
-    ("topology", "simulator"),
-    [
-        ("conveyor_mirror", "icarus"),
-        pytest.param("conveyor_mirror", "verilator", marks=pytest.mark.long),
-        pytest.param("direct", "verilator", marks=pytest.mark.long),
-        pytest.param("direct", "icarus", marks=pytest.mark.long),
-    ],
-)
+@pytest.mark.parametrize("simulator", ["icarus", pytest.param("verilator", marks=pytest.mark.long)])
+@pytest.mark.parametrize("topology", ["conveyor_mirror", pytest.param("direct", marks=pytest.mark.long)])
 @pytest.mark.paper
 def test_all_effects_together_equal_the_event_engine(
     resistance_plan: MakePlan, simulator: str, topology: str
 ) -> None:
     ohm = random_ohm(6, 2, 2, 5)
-    made = resistance_plan(ohm, topology, together(topology))
+    made = resistance_plan(ohm, topology, scene_of(effects_of(topology)))
     for sync_latch in (False, True) if simulator == "icarus" else (False,):
         got = rtl.run(made, simulator=simulator, sync_latch=sync_latch).codes.astype(int)
         # A count may fall either side of a half in another engine's rounding.
@@ -176,17 +136,9 @@ FAULTS = {
     "packet_not_removed": ("charge_source.sv", "assign out    = d_charge;", "assign out    = 0.0;"),
     "preset_missing": ("integrator.sv", "drawn_q <= d_preset ? -out_preset : drawn_c", "drawn_q <= drawn_c"),
     "preset_at_zero": ("integrator.sv", "assign out_preset = -0.5;", "assign out_preset = 0.0;"),
-    "row_of_before": (
-        "array.sv",
-        "if (row_select_i[n/(COLS*CELL)])",
-        "if (row_select_i[(n/(COLS*CELL) + 1) % ROWS])",
-    ),
+    "row_of_before": ("array.sv", "row_select_i[n/(COLS*CELL)]", "row_select_i[(n/(COLS*CELL) + 1) % ROWS]"),
     "columns_swapped": ("skin.sv", "u_array.i_column[CELL*c + v]", "u_array.i_column[CELL*(COLS-1-c) + v]"),
-    "comparator_upside_down": (
-        "comparator.sv",
-        "assign high_c = in_c >= rise;",
-        "assign high_c = in_c < rise;",
-    ),
+    "comparator_upside_down": ("comparator.sv", "high_c = in_c >= rise;", "high_c = in_c < rise;"),
     "time_stands": ("skin.sv", "preset ? 1.0 : t_clocks + 1.0", "1.0"),
 }
 
@@ -282,14 +234,9 @@ def test_a_simulator_that_stops_answering_is_ended(
     resistance_plan: MakePlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rtl, "FRAME_LIMIT_S", 0.5)
+    made, sleeps = resistance_plan(random_ohm(12, 2, 2)), f"import time; time.sleep(60)  # {tmp_path}"
     with pytest.raises(SimulatorError, match="wrote no frame"):
-        rtl.simulate(
-            resistance_plan(random_ohm(12, 2, 2)),
-            [sys.executable, "-c", f"import time; time.sleep(60)  # {tmp_path}"],
-            tmp_path,
-            1,
-            lambda rows: None,
-        )
+        rtl.simulate(made, [sys.executable, "-c", sleeps], tmp_path, 1, lambda rows: None)
     assert not processes_with(str(tmp_path))
 
 

@@ -34,20 +34,18 @@ END_S = 60.0
 LEAVES = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True)"
 
 
-@pytest.mark.parametrize(
-    ("script", "seen"),
-    [
-        ("import sys; print('one line', file=sys.stderr); sys.exit(2)", []),
-        ("import sys; sys.exit(2)", ["0 lines"]),
-        ("import sys; print('campaign closed,event: 5 of 9 scenes', file=sys.stderr)", []),
-        ("int('x')", ["exit code 1", "Traceback", "lines"]),
-        (LEAVES, ["sleep"]),
-    ],
-    ids=["one_line", "no_line", "progress", "traceback", "orphan"],
-)
-def test_the_judge_sees_words_codes_and_processes_that_are_wrong(
-    tmp_path: Path, script: str, seen: list[str]
-) -> None:
+SCRIPTS = {
+    "one_line": ("import sys; print('one line', file=sys.stderr); sys.exit(2)", []),
+    "no_line": ("import sys; sys.exit(2)", ["0 lines"]),
+    "progress": ("import sys; print('campaign closed,event: 5 of 9 scenes', file=sys.stderr)", []),
+    "traceback": ("int('x')", ["exit code 1", "Traceback", "lines"]),
+    "orphan": (LEAVES, ["sleep"]),
+}
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_the_judge_sees_words_codes_and_processes_that_are_wrong(tmp_path: Path, name: str) -> None:
+    script, seen = SCRIPTS[name]
     run = Run([sys.executable, "-c", script], tmp_path)
     ended = run.ended()
     assert ended is not None
@@ -84,11 +82,10 @@ def test_the_judge_sees_results_that_are_not_whole(tmp_path: Path, code: int) ->
 
 # ---- nothing stays ----------------------------------------------------------------------------------------------
 
-STARTS = """
+STARTS = f"""
 import sys, time
 from dermis.processes import children
-starts = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True)"
-children.Child([sys.executable, "-c", starts]).wait()
+children.Child([sys.executable, "-c", {LEAVES!r}]).wait()
 print("at work", flush=True)
 time.sleep(600)
 """
@@ -213,14 +210,11 @@ def test_a_build_that_ends_well_and_makes_nothing_is_not_kept(tmp_path: Path) ->
     def nothing(target: Path, log: Path) -> None:
         log.write_text("nothing to do")
 
-    def cut(target: Path, log: Path, length: int = -5) -> None:
-        """Leave a truncated program, as Icarus does with exit code 0 on a full disk."""
+    def something(target: Path, log: Path, length: int | None = None) -> None:
         text = 'code\n:file_names 2;\n    "N/A";\n    "<interactive>";\n'
         (target / "sim.vvp").write_text(text[:length])
 
-    def something(target: Path, log: Path) -> None:
-        cut(target, log, 1000)
-
+    cut = partial(something, length=-5)  # truncated, as Icarus leaves it with exit code 0 on a full disk
     for wrong in (cut, nothing):
         with pytest.raises(SimulatorError, match=r"without .*sim\.vvp"):
             hdl._cached(tmp_path / "top", [], "key", wrong, "sim.vvp")
@@ -266,14 +260,10 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     return Bench(tmp_path_factory.mktemp("trials"))
 
 
-@pytest.mark.parametrize(
-    "wanted",
-    [
-        pytest.param("rtl.hdl_simulator_kill", marks=pytest.mark.long),
-        pytest.param("rtl.parent_kill", marks=pytest.mark.long),
-        "closed.file_300",
-    ],
-)
+LONG = [pytest.param(f"rtl.{what}_kill", marks=pytest.mark.long) for what in ("hdl_simulator", "parent")]
+
+
+@pytest.mark.parametrize("wanted", [*LONG, "closed.file_300"])
 def test_a_trial_of_the_campaign(bench: Bench, wanted: str) -> None:
     trial = next(trial for trial in trials.every() if f".{wanted}" in trial.name)
     faults, _ = trial.run(bench)

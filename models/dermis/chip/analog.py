@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from dermis.lockstep.half import Edge
 
+W_PRESET = -0.5
+"""Charge in packets while the preset is on."""
+
 
 class ExactHalf:
     """Ideal converters, integrated exactly, driven by the sources of a channel deck.
@@ -20,30 +23,19 @@ class ExactHalf:
 
     Parameters
     ----------
-    duty : NDArray[np.float64]
-        x of every taxel, [rows, cols]; infinite is legal.
-    levels : Sequence[float]
-        Levels of the sources at time zero.
-    t_clk_s, t_edge_s : float
-        Clock period and ramp time in seconds.
+    duty : x of every taxel, [rows, cols]; infinite is legal
+    levels : levels of the sources at time zero
+    t_clk_s, t_edge_s : clock period and ramp time in seconds
     """
 
     def __init__(
-        self,
-        duty: NDArray[np.float64],
-        levels: Sequence[float],
-        *,
-        t_clk_s: float,
-        t_edge_s: float,
-        w_preset: float = -0.5,
+        self, duty: NDArray[np.float64], levels: Sequence[float], *, t_clk_s: float, t_edge_s: float
     ) -> None:
         self._x = np.minimum(np.asarray(duty, dtype=float), 1e12)
         self._rows, self._cols = self._x.shape
-        self._t_clk = t_clk_s
-        self._t_edge = t_edge_s
-        self._w_preset = w_preset
+        self._t_clk, self._t_edge = t_clk_s, t_edge_s
         self._now = 0.0
-        self.w = np.full(self._cols, w_preset)
+        self.w = np.full(self._cols, W_PRESET)
         self._row = np.array(levels[: self._rows])
         self._preset = levels[self._rows]
         self._charge = np.array(levels[self._rows + 1 :])
@@ -63,7 +55,7 @@ class ExactHalf:
                 self._row[source] = level
             elif source == self._rows:
                 if level < self._preset:
-                    self.w[:] = self._w_preset
+                    self.w[:] = W_PRESET
                     # the preset ends at the start of its falling edge, as the switch in SPICE
                     span = to - time
                 self._preset = level
@@ -76,9 +68,8 @@ class ExactHalf:
         self.w += (x * span + change - packets) / self._t_clk
         self._now = to
         if self._preset > 0.0:
-            self.w[:] = self._w_preset
-        # A tie is high: w has summed up to a slot of clocks, each rounded to 1e-12 packet (time in seconds of
-        # 2 ms).
+            self.w[:] = W_PRESET
+        # A tie is high: w has summed up to a slot of clocks, each rounded to 1e-12 packet (seconds of 2 ms).
         return np.where(self.w >= -1e-9, 1.0, -1.0)
 
     def close(self) -> None:

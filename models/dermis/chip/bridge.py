@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from asyncio import CancelledError
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,21 +29,17 @@ from dermis.timing import Timing
 
 START_CLOCKS = 64
 """More than from enable to a frame's first edge, and from there to its first row without the break."""
-
 SPI_CLOCKS = 1.37
 """Clocks of the chip in one of the host: no ratio of small numbers, so all phases occur."""
-
 WAIT_BYTES = 64
 """Longest answer without a token; the chip needs two or three clocks, and no clock is so slow."""
-
 SPI_SHARE = 0.5
 """Share of a frame's time in which the host reads the frame before; it sets the clock of SPI."""
 
 
 @dataclass
 class Trace:
-    """Signals across the bridge, one entry a clock: integers whose bit c is column c (row r for
-    `row_select`).
+    """Signals across the bridge, one entry a clock: integers whose bit c is column c (row r for `row_select`).
 
     `begins` has the number of entries before the first instant of each frame's analog half.
     """
@@ -59,20 +56,17 @@ HalfFactory = Callable[[int, "list[float]"], AnalogHalf]
 
 
 def analog_s(timing: Timing, rows: int | None = None) -> float:
-    """Seconds of a scan on the analog side: from its first driven row to the next frame's first
-    edge.
-
-    `rows` is the number of rows that are scanned; all by default.
-    """
+    """Return the seconds of a scan of some or all rows: from its first driven row to the next frame's first edge."""
     slots = timing.rows if rows is None else rows
     return (slots * timing.slot_clocks - timing.break_clocks) / timing.f_clk_hz
 
 
-def _known(handle: Any, what: str) -> int:
+def _known(handle: Any) -> int:
     try:
         return int(handle.value)  # asking is_resolvable first costs 7 us for sixteen bits
     except ValueError:
-        raise SimulatorError(f"{what} is {handle.value}, not 0 or 1: the Verilog lost its state") from None
+        said = f"{handle._name} is {handle.value}, not 0 or 1: the Verilog lost its state"
+        raise SimulatorError(said) from None
 
 
 def _settings(timing: Timing, cols: int, rows: range | None, ranges: Sequence[int]) -> list[tuple[int, int]]:
@@ -124,15 +118,11 @@ class Bridge:
         samples: int = 0,
         progress: Callable[[int], None] = lambda slots: None,
     ) -> None:
-        self._dut = dut
-        self._timing = timing
-        self._cols = cols
+        self._dut, self._timing, self._cols, self._sync_latch = dut, timing, cols, sync_latch
         self._rows = range(timing.rows) if rows is None else rows
         self._settings = _settings(timing, cols, rows, ranges)
-        self._sync_latch = sync_latch
-        self._progress = progress
+        self._progress, self._samples = progress, samples
         self._slots = 0
-        self._samples = samples
         self.samples: list[NDArray[np.float64]] = []
         self.trace = Trace() if trace else None
         self.charge_delay_clocks = 0.5 if sync_latch else 0.0  # the latch opens with the falling edge
@@ -142,11 +132,8 @@ class Bridge:
     async def run(self, frames: int, make_half: HalfFactory) -> NDArray[np.uint16]:
         """Reset the chip and read `frames` frames; return codes [frames, scanned rows, cols].
 
-        Raises
-        ------
-        SimulatorError
-            The analog half stopped, the Verilog drives an X or loses its row scan, or the host read anything but
-            every frame once and whole.
+        SimulatorError if the analog half stopped, the Verilog drives an X or loses its row scan, or the host read
+        anything but every frame once and whole.
         """
         dut = self._dut
         # made once: a trigger may be awaited again and again
@@ -169,12 +156,12 @@ class Bridge:
         try:
             for _ in range(START_CLOCKS):
                 await self._next_clock()
-                if _known(dut.frame_start_o, "frame_start_o"):
+                if _known(dut.frame_start_o):
                     break
             loop = self._loop()
             for frame in range(frames):
-                pins = await self._first_row(frame)
-                half = make_half(frame, self._levels(*pins))
+                await self._first_row(frame)
+                half = make_half(frame, loop.levels(self._timing.rows + 1 + self._cols))
                 try:
                     await self._frame(frame, loop, half)
                 finally:
@@ -183,11 +170,10 @@ class Bridge:
                 if frame:
                     self._host.require(frame)
             # The analog side rests while the last frame is read.
-            try:
+            with suppress(SimTimeoutError):  # `require` says what is missing
                 await with_timeout(host, round(4 * self._host.frame_ps), "ps")
-            except SimTimeoutError:
-                self._host.require(frames)
-            return self._host.codes(frames)
+            self._host.require(frames)
+            return np.array(self._host.frames)
         finally:  # another bridge may start from reset after an abort of the analog half
             host.cancel()
             clock.stop()
@@ -202,8 +188,8 @@ class Bridge:
         )
         return ClockLoop(nets, [Output(dut.comp_async_i._path, 0, (0.0,) * self._cols)])
 
-    async def _first_row(self, frame: int) -> tuple[int, int, int]:
-        """Wait until the first row is driven; return rows, preset and charge switches there."""
+    async def _first_row(self, frame: int) -> None:
+        """Wait until the first row is driven."""
         for _ in range(START_CLOCKS + self._timing.break_clocks):
             if (pins := self._pins())[0]:
                 break
@@ -213,24 +199,19 @@ class Bridge:
         if pins[:2] != (1 << first, 1):
             raise SimulatorError(f"frame {frame} does not begin with row {first} driven and the preset on")
         self._dut.row_sense_i.value = 1 << first
-        return pins
 
     def _pins(self) -> tuple[int, int, int]:
         dut = self._dut
-        row, preset = _known(dut.row_select_o, "row_select_o"), _known(dut.preset_o, "preset_o")
-        return row, preset, _known(dut.charge_o, "charge_o")
+        return _known(dut.row_select_o), _known(dut.preset_o), _known(dut.charge_o)
 
     def _record(self) -> None:
         """Keep a clock between two frames, which no analog half sees."""
         if self.trace is not None and self.trace.begins:
-            self._keep([[bits] for bits in (*self._pins(), _known(self._dut.comp_async_i, "comp_async_i"))])
+            self._keep([[bits] for bits in (*self._pins(), _known(self._dut.comp_async_i))])
 
     def _keep(self, nets: list[list[int]]) -> None:
-        trace = self.trace
-        for net, more in zip(
-            (trace.row_select, trace.preset, trace.charge, trace.comparator), nets, strict=True
-        ):
-            net += more
+        for name, more in zip(("row_select", "preset", "charge", "comparator"), nets, strict=True):
+            getattr(self.trace, name).extend(more)
 
     async def _next_clock(self) -> None:
         await self._edge
@@ -239,12 +220,8 @@ class Bridge:
 
     def ranges(self) -> list[int]:
         """Return the range that the chip's pins select for each column."""
-        word = _known(self._dut.range_o, "range_o")
+        word = _known(self._dut.range_o)
         return [word >> 2 * c & 3 for c in range(self._cols)]
-
-    def _levels(self, row: int, preset: int, charge: int) -> list[float]:
-        rows = [float(row >> r & 1) for r in range(self._timing.rows)]
-        return [*rows, float(preset), *(float(charge >> c & 1) for c in range(self._cols))]
 
     async def _frame(self, frame: int, loop: ClockLoop, half: AnalogHalf) -> None:
         """Run one frame, from the edge of its first row (already passed) to that of the next."""
@@ -269,7 +246,7 @@ class Bridge:
             self._keep(loop.trace((timing.rows, 1, self._cols, self._cols)))
         if self._samples:
             self.samples.append(loop.samples()[1])
-        if self._pins()[0] or not _known(self._dut.frame_start_o, "frame_start_o"):
+        if self._pins()[0] or not _known(self._dut.frame_start_o):
             raise SimulatorError(f"frame {frame} does not end {clocks} clocks after its first row")
 
 
@@ -277,11 +254,8 @@ class _Host:
     """The host at the SPI pins: reads each frame when the chip reports it ready, and checks it."""
 
     def __init__(self, dut: Any, timing: Timing, cols: int, rows: range) -> None:
-        self._dut = dut
-        self._rows = rows
-        self._timing = timing
-        self._cols = cols
-        self._frames: list[NDArray[np.uint16]] = []
+        self._dut, self._timing, self._cols, self._rows = dut, timing, cols, rows
+        self.frames: list[NDArray[np.uint16]] = []
         self._failure: SimulatorError | None = None
         self.frame_ps = 1e12 * timing.frame_s * len(rows) / timing.rows
         bits = 8 * (16 + read_out.frame_bytes(timing, cols, len(rows)))
@@ -292,25 +266,19 @@ class _Host:
         """Raise the first error, or an error if fewer frames than expected were read."""
         if self._failure is not None:
             raise self._failure
-        if len(self._frames) < frames:
-            said = f"read-out {len(self._frames) + 1} through SPI"
-            raise SimulatorError(f"{said}: the chip never reports a frame as ready")
-
-    def codes(self, frames: int) -> NDArray[np.uint16]:
-        """Return the codes [frames, rows, cols] of the frames read."""
-        self.require(frames)
-        return np.array(self._frames[:frames])
+        if (done := len(self.frames)) < frames:
+            raise SimulatorError(f"read-out {done + 1} through SPI: the chip never reports a frame as ready")
 
     async def read(self, frames: int) -> None:
         """Read `frames` frames; stop at the first one that is not right."""
         dut = self._dut
         try:
             for frame in range(frames):
-                if not _known(dut.frame_ready_o, "frame_ready_o"):
+                if not _known(dut.frame_ready_o):
                     await RisingEdge(dut.frame_ready_o)
                 data = await self._transact(spi_protocol.read_frame_bytes(WAIT_BYTES))
                 codes = read_out.codes_of_frame(data, frame, self._timing, self._cols, self._rows)
-                self._frames.append(codes)
+                self.frames.append(codes)
         except (SimulatorError, spi_protocol.SpiError) as error:
             self._failure = SimulatorError(f"read-out {frame + 1} of {frames} through SPI: {error}")
 
@@ -337,7 +305,7 @@ class _Host:
             ended = True
             raise
         finally:
-            if not ended and _known(dut.spi_sck_i, "spi_sck_i"):
+            if not ended and _known(dut.spi_sck_i):
                 await FallingEdge(dut.spi_sck_i)
             sck.stop()
             dut.spi_cs_ni.value = 1
@@ -355,7 +323,7 @@ class _Host:
             if moves:
                 dut.spi_copi_i.value = word >> bit & 1
             await rise
-            got = got << 1 | _known(cipo, "spi_cipo_o")
+            got = got << 1 | _known(cipo)
             if moves:
                 await fall
         return got.to_bytes(len(send), "big")

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration of every column over SPI: self-test frames in, gain, offset and a verdict per column
-out.
+"""Calibration of every column over SPI: self-test frames in, gain, offset and a verdict per column out.
 
 A self-test frame has a dark slot (no row driven, the pedestal alone) and two slots with the test
 current in the even and the odd columns. One code resolves half an LSB. A gate 16 times as long
@@ -37,7 +36,6 @@ FULL_PART = 0.8
 POLLS = 10_000
 """Reads of STATUS after which a self-test frame is overdue; each takes at least a clock."""
 
-
 Steps = Generator[spi.Transaction[Any], Any, spi.Result]
 """Yields SPI transactions; the result of each is sent back into it."""
 
@@ -48,15 +46,11 @@ class Columns:
 
     Attributes
     ----------
-    dark, full : ndarray
-        [cols] duty in packets a clock without current and with the test current.
-    verdict : tuple of str
-        [cols] "ok", or the first test that failed: "inject", "dark", "full" (masks of the chip), "pedestal" (no count
-        without current: offsets below it are lost), "gain".
-    gate_clocks : int
-        Gate of the codes that `step_a` and `start_code` are for.
-    i_test_a : float
-        Test current in ampere.
+    dark, full : [cols], duty in packets a clock without current and with the test current
+    verdict : [cols], "ok", or the first test that failed: "inject", "dark", "full" (masks of the chip), "pedestal" (no
+        count without current: offsets below it are lost), "gain"
+    gate_clocks : gate of the codes that `step_a` and `start_code` are for
+    i_test_a : test current in ampere
     """
 
     dark: Floats
@@ -134,12 +128,10 @@ def _test_frame(gate_clocks: int) -> Steps[spi.Frame]:
         if status & rm.STATUS_TEST_DONE_MASK:
             return (yield spi.read_frame())
         if status & rm.STATUS_TEST_CUT_MASK:
-            raise SimulatorError(
-                "calibration: the enable pin went low during a self-test frame, or was low before"
-            )
-    raise SimulatorError(
-        f"calibration: no self-test frame after {POLLS} reads of STATUS; is the enable pin high?"
-    )
+            said = "the enable pin went low during a self-test frame, or was low before"
+            raise SimulatorError(f"calibration: {said}")
+    said = f"no self-test frame after {POLLS} reads of STATUS; is the enable pin high?"
+    raise SimulatorError(f"calibration: {said}")
 
 
 def _mask(first: int, cols: int) -> Steps[NDArray[np.bool_]]:

@@ -39,17 +39,12 @@ def beyond_the_chip(plan: Plan) -> InputError | None:
     bits, words = timing.code_max.bit_length(), 2**16 - 1  # settle and gate are registers of 16 bits
     # A shorter gate makes the chip wait for the row before to be packed, so that its slots get longer than planned.
     packing = spi_protocol.slot_bytes(plan.cols, bits) + PACK_MARGIN_CLOCKS
+    least = 2 + timing.break_clocks
     limits = [
         ("array.rows", plan.rows, 1, 128, "rows"),  # the register map has room for no more
         ("array.cols", plan.cols, 1, 128, "columns"),
         ("timing.gate_clocks", timing.gate_clocks, packing, words, "clocks of a gate"),
-        (
-            "timing.settle_clocks",
-            timing.settle_clocks,
-            2 + timing.break_clocks,
-            words,
-            "clocks from row to gate",
-        ),
+        ("timing.settle_clocks", timing.settle_clocks, least, words, "clocks from row to gate"),
         ("timing.code_bits", bits, 1, 16, "bits of a code"),
     ]
     for key, value, least, most, what in limits:
@@ -90,13 +85,9 @@ def work_directory(name: str, plan: Plan, work: Path | None) -> Iterator[Path]:
 
 
 def prepare(simulator: str) -> str:
-    """Put the simulator on the path of this process and its children; return a text that identifies
-    its version.
+    """Put the simulator on the path of this process and its children; return a text that names its version.
 
-    Raises
-    ------
-    InputError
-        It is not installed.
+    InputError if it is not installed.
     """
     if simulator not in SIMULATORS:
         raise InputError("command line", "simulator", simulator, f"one of {', '.join(SIMULATORS)}")
@@ -136,10 +127,7 @@ def build(
     optimise : let the C++ compiler optimise; without, a Verilator build is quicker and its simulation slower
     where : folder below build/
 
-    Raises
-    ------
-    SimulatorError
-        The build failed; the message names its log.
+    SimulatorError if the build failed; the message names its log.
     """
     sources = list(rtl_sources() if sources is None else sources)
     includes = rtl_include_dirs()
@@ -168,14 +156,11 @@ def build(
         except (RuntimeError, SystemExit) as error:
             raise SimulatorError(f"{simulator} does not build {toplevel}: {error}", log) from None
 
-    return _cached(
-        _place(where, simulator) / toplevel,
-        [*sources, *_headers(includes)],
-        [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise and PROGRAM_FLAGS],
-        make,
-        "sim.vvp" if simulator == "icarus" else toplevel,
-        f"{tool} {optimise and PROGRAM_FLAGS}",
-    )
+    key = [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise and PROGRAM_FLAGS]
+    content = [*sources, *_headers(includes)]
+    name = "sim.vvp" if simulator == "icarus" else toplevel
+    runtime_key = f"{tool} {optimise and PROGRAM_FLAGS}"
+    return _cached(_place(where, simulator) / toplevel, content, key, make, name, runtime_key)
 
 
 def _runner(
@@ -208,24 +193,20 @@ def run_cocotb(
     limit_s: float = math.inf,
     run: Callable[..., object] | None = None,
 ) -> Path:
-    """Run a cocotb test on a build, in this process' simulator; return the XML with its results.
+    """Run a cocotb test on a build; return the XML with its results.
 
     Parameters
     ----------
     simulator, build, toplevel : as given to, and returned by, `build`
     module : Python module with the test
     work : directory of the run; hdl.log and results.xml are left there
-    environment : what the test is told
+    environment : variables for the test
     testcase : one test of the module instead of all
     limit_s : time limit of the simulator
     run : called in place of `children.run_logged`
 
-    Raises
-    ------
-    RuntimeError, SystemExit
-        Of cocotb's runner: the test failed.
-    SimulatorError
-        The simulator did not start, ended badly or ran longer.
+    RuntimeError or SystemExit of cocotb's runner if the test failed; SimulatorError if the simulator did not start,
+    ended badly or ran longer.
     """
     prepare(simulator)
     results, log = work / "results.xml", work / "hdl.log"
@@ -262,8 +243,7 @@ def program(
     includes: Sequence[Path],
     main: Path,
 ) -> list[str]:
-    """Return the command of a simulation that runs by itself, without cocotb; built only if it is
-    not there yet.
+    """Return the command of a simulation that runs by itself, without cocotb; built if it is not there yet.
 
     Parameters
     ----------
@@ -272,10 +252,7 @@ def program(
     sources, includes : SystemVerilog files and the directories of what they include
     main : what drives the top level: C++ for Verilator, a module for Icarus
 
-    Raises
-    ------
-    SimulatorError
-        The build failed; the message names its log.
+    SimulatorError if the build failed; the message names its log.
     """
     tool = prepare(simulator)
 
@@ -297,30 +274,26 @@ def program(
         command.append(f"PYTHON3={Path(sys.executable).name}")
         children.run_logged(command, target, log, BUILD_LIMIT_S, "g++")
 
-    name = "sim.vvp" if simulator == "icarus" else f"V{toplevel}"
-    flags = [PROGRAM_FLAGS, VERILATOR_ARGUMENTS] if simulator == "verilator" else []
-    target = _cached(
-        _place("models", simulator) / toplevel,
-        [*sources, main, *_headers(includes)],
-        [simulator, toplevel, dict(parameters), tool, *flags],
-        make,
-        name,
-        tool,
-    )
-    return [*(["vvp", "-n"] if simulator == "icarus" else []), str(target / name)]
+    key = [simulator, toplevel, dict(parameters), tool]
+    command, name = ["vvp", "-n"], "sim.vvp"
+    if simulator == "verilator":
+        key += [PROGRAM_FLAGS, VERILATOR_ARGUMENTS]
+        command, name = [], f"V{toplevel}"
+    content = [*sources, main, *_headers(includes)]
+    target = _cached(_place("models", simulator) / toplevel, content, key, make, name, tool)
+    return [*command, str(target / name)]
 
 
 def _place(where: str, simulator: str) -> Path:
-    """Return the directory of builds: in build/, or in the Python environment if a path with a space has build/ and
-    Verilator builds, whose makefiles take none; InputError if both have one.
+    """Return the directory of builds: in build/, or in the Python environment for Verilator, whose makefiles take no
+    space, if the path of build/ has one; InputError if both have.
     """
     if simulator != "verilator" or " " not in str(BUILD):
         return BUILD / where / simulator
     place = Path(sys.prefix).resolve()
     if " " in str(place):
-        raise InputError(
-            "environment", "sys.prefix", place, "a path without a space for Verilator, or simulator icarus"
-        )
+        allowed = "a path without a space for Verilator, or simulator icarus"
+        raise InputError("environment", "sys.prefix", place, allowed)
     return place / "build" / where / simulator
 
 
@@ -375,9 +348,8 @@ def _cached(
             os.utime(target / part.name, (ahead, ahead))
         make(target, log)
         if not _whole(target / name):  # kept, it would fail every run to come
-            raise SimulatorError(
-                f"the build ended with exit code 0 but without a complete {target / name}", log
-            )
+            said = f"the build ended with exit code 0 but without a complete {target / name}"
+            raise SimulatorError(said, log)
         (target / "built").touch()
         parts = list(target.glob("verilated*.[od]"))
         if parts and not runtime.exists():

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write the SPICE deck of a plan: row drivers, array and one channel per column, from the records
-only.
+"""Write the SPICE deck of a plan: row drivers, array and one channel per column, from the records only.
 
 A record field at its default writes nothing beyond the ideal setting of its block, so an effect
 that is off leaves no element behind. Every number is formatted from a float and every name is made
@@ -23,7 +22,7 @@ from dermis.chip.spice_text import array_subckt, spice_number
 from dermis.errors import InputError
 from dermis.lockstep.ngspice import Deck
 from dermis.places import ROOT
-from dermis.records import Drive, Plan
+from dermis.records import Plan
 from dermis.scene.views import CONVERTER, Views
 
 SPICE = ROOT / "spice"
@@ -87,9 +86,7 @@ STEP_GROWTH_TRANSISTORS = 0.25
 
 
 def source_names(rows: int, cols: int, columns: Sequence[int] | None = None) -> tuple[str, ...]:
-    """Names of the sources that the digital side drives: rows, preset, charge switches of all or
-    some columns.
-    """
+    """Names of the sources that the digital side drives: rows, preset, charge switches of all or some columns."""
     return (
         *(f"v_d_row{r}" for r in range(rows)),
         "v_d_preset",
@@ -107,7 +104,7 @@ def honours(plan: Plan) -> frozenset[str]:
     """Record fields that the decks of a plan can express in the views it takes."""
     blocks = set(plan.views.in_transistors(plan.topology))
     if _channel_in_transistors(plan.views, plan.topology):
-        blocks |= set(CONVERTER)  # its channel hands on no parameters
+        blocks |= set(CONVERTER)  # its channel takes no parameters
     lost = set().union(*(OF_BLOCK[block] for block in blocks))
     if plan.topology == "direct" and "integrator" in blocks:
         lost |= {"v_column_offset_v"}
@@ -134,13 +131,10 @@ def refuses(plan: Plan) -> InputError | None:
         return InputError(world.path, "interface.k", interface.k, allowed)
     if not channel and "conveyor" not in blocks:
         return None
-    if (
-        plan.topology == "conveyor_mirror"
-        and "conveyor" in blocks
-        and design.interface.k_options != sky130.MIRROR_RATIOS
-    ):
+    mirror, ratios = plan.topology == "conveyor_mirror" and "conveyor" in blocks, design.interface.k_options
+    if mirror and ratios != sky130.MIRROR_RATIOS:
         made = f"{sky130.MIRROR_RATIOS}, the ratios of the sky130 mirror"
-        return InputError("models/design.toml", "interface.k_options", design.interface.k_options, made)
+        return InputError("models/design.toml", "interface.k_options", ratios, made)
     for key, made in (("i0_a", design.converter.i0_a), ("c_int_f", design.converter.c_int_f)):
         if (value := getattr(interface, key)) != made:
             allowed = f'{made:g}, the size of the sky130 channel, or run.views = "behavioural"'
@@ -158,20 +152,13 @@ def parts(plan: Plan) -> tuple[tuple[int, ...], ...]:
     """
     columns = range(plan.cols)
     heavy = [c for c in columns if plan.views.has_transistors(c, plan.topology)]
-    if (
-        not heavy
-        or plan.topology == "direct"
-        or {"g_lateral_row_s", "g_lateral_column_s"} & plan.active_fields()
-    ):
+    laterals = {"g_lateral_row_s", "g_lateral_column_s"} & plan.active_fields()
+    if not heavy or plan.topology == "direct" or laterals:
         return (tuple(columns),)
     light = tuple(c for c in columns if c not in heavy)
-    drivers = ((),) if _drivers_apart(plan) else ()
+    # Row drivers in transistors are a circuit of their own if rows are still while a gate is open.
+    drivers = ((),) if plan.views.row_driver == "sky130" and not plan.drive.active_fields() else ()
     return (*drivers, *((c,) for c in heavy), *((light,) if light else ()))
-
-
-def _drivers_apart(plan: Plan) -> bool:
-    """Return True if row drivers in transistors are a circuit of their own: rows are still while a gate is open."""
-    return plan.views.row_driver == "sky130" and not plan.drive.active_fields()
 
 
 def _channel_in_transistors(views: Views, topology: str) -> bool:
@@ -248,15 +235,13 @@ def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, 
     return values
 
 
-def _late_s(plan: Plan) -> NDArray[np.float64]:
-    """Return how long before the clock each comparator is sampled, in s; 0 if delayed itself."""
-    delay = np.broadcast_to(plan.converter.t_comp_delay_s, plan.cols)
-    return np.where(delay > _early_s(plan), delay, 0.0)
-
-
-def _early_s(plan: Plan) -> float:
-    """Return the delay beyond which a comparator is sampled earlier, in s."""
-    return _DELAY_POLE_CLOCKS / plan.timing.f_clk_hz
+def _late_s(plan: Plan) -> tuple[NDArray[np.float64], float]:
+    """Return how long before the clock each comparator is sampled, in s; 0 for a delay up to the second value."""
+    delay, early = (
+        np.broadcast_to(plan.converter.t_comp_delay_s, plan.cols),
+        _DELAY_POLE_CLOCKS / plan.timing.f_clk_hz,
+    )
+    return np.where(delay > early, delay, 0.0), early
 
 
 def _assignments(values: Mapping[str, float]) -> str:
@@ -276,19 +261,14 @@ def frame_deck(
 
     Parameters
     ----------
-    plan : Plan
-    frame : int
-        Which frame's resistances stand in the array.
-    levels : sequence of float
-        Value of every source at time zero, in the order of `source_names`, of all columns.
-    record : bool
-        Probe the integrators as well, for waveforms.
-    columns : sequence of int, optional
-        One of `parts`: those that the deck has channels for. The others end at their virtual grounds. If row drivers
-        are a part, the rows of the others are sources of their voltages: `v_row0` and so on in place of `v_d_row0`.
-        All columns and the row drivers by default.
-    first_row : int
-        Row whose driving is time zero: of ripple and motion the deck has what they are there in a scan of all rows.
+    plan, frame : whose resistances stand in the array
+    levels : value of every source at time zero, in the order of `source_names`, of all columns
+    record : probe the integrators as well, for waveforms
+    columns : one of `parts`: those that the deck has channels for; the others end at their virtual grounds. If row
+        drivers are a part, the rows of the others are sources of their voltages: `v_row0` and so on in place of
+        `v_d_row0`. All columns and the row drivers by default
+    first_row : row whose driving is time zero: of ripple and motion the deck has what they are there in a scan of all
+        rows
 
     Returns
     -------
@@ -317,9 +297,9 @@ def frame_deck(
         *(supplies if transistors else supplies[:2]),
         f"vbias vbias 0 {_bias(plan, frame, begin)}",
     ]
-    late = _late_s(plan)[list(columns)]
-    if late.any():
-        lines.append(f".param comparator_early_s={spice_number(_early_s(plan))}")
+    late, early_s = _late_s(plan)
+    if (late := late[list(columns)]).any():
+        lines.append(f".param comparator_early_s={spice_number(early_s)}")
     names = source_names(rows, cols, columns)
     row_sources = () if driven else tuple(f"v_row{r}" for r in range(rows))
     logic = names[len(row_sources) :]
@@ -363,15 +343,12 @@ def frame_deck(
         subckt, pins = f"channel_{plan.topology}", f"d_charge{c} d_preset"
         if switched:
             subckt, pins, values = "channel_switched", f"{pins} d_range{2 * c} d_range{2 * c + 1}", ""
-            level = sky130.logic_v(views.supply_scale)
-            lines += [
-                f"vd_range{2 * c + bit} d_range{2 * c + bit} vss_d {spice_number(level * (ranges[c] >> bit & 1))}"
-                for bit in (0, 1)
-            ]
+            for bit in (0, 1):
+                level = spice_number(sky130.logic_v(views.supply_scale) * (ranges[c] >> bit & 1))
+                lines.append(f"vd_range{2 * c + bit} d_range{2 * c + bit} vss_d {level}")
         elif in_transistors:
-            values = _assignments(
-                {"k": plan.scene.table.interface.k if direct else float(plan.converter.k[c])}
-            )
+            k = plan.scene.table.interface.k if direct else float(plan.converter.k[c])
+            values = _assignments({"k": k})
         else:
             values = _assignments(_channel_parameters(plan, network, c))
         references = "0 0 ibias"
@@ -397,11 +374,13 @@ def frame_deck(
     started = (*levels[: rows + 1], *(levels[rows + 1 + c] for c in columns))
     edge_s = _EDGE_CLAMP_CLOCKS / plan.timing.f_clk_hz if bites else math.inf
     late_s = (*late.tolist(), *(0.0,) * (len(probes) - len(late))) if late.any() else ()
-    longest = longest_step_s(plan.drive)
-    growth = STEP_GROWTH_TRANSISTORS if transistors else 0.0
-    return Deck(
-        tuple(lines), (*row_sources, *logic), started, abrupt, tuple(probes), longest, edge_s, growth, late_s
+    # 1/40 of the ripple's period: a trapezoidal error of 0.2 %.
+    longest = (
+        1.0 / (40.0 * plan.drive.f_ripple_hz) if plan.drive.ripple and plan.drive.f_ripple_hz else math.inf
     )
+    growth = STEP_GROWTH_TRANSISTORS if transistors else 0.0
+    circuit = tuple(lines), (*row_sources, *logic), started, abrupt, tuple(probes)
+    return Deck(*circuit, longest, edge_s, growth, late_s)
 
 
 def _row_drivers(plan: Plan, network: Network, transistors: bool, rails: str) -> Iterator[str]:
@@ -415,10 +394,8 @@ def _row_drivers(plan: Plan, network: Network, transistors: bool, rails: str) ->
             "r_ground_ohm": min(_without_pad(network.r_row_grounded_ohm, pad_ohm), 1e18),  # inf: floating
             "v_bias_v": float(network.v_bias_v),
         }
-        if network.r_return_ohm:
-            driver["follow"] = 2
-        elif plan.drive.ripple:
-            driver["follow"] = 1
+        if network.r_return_ohm or plan.drive.ripple:
+            driver["follow"] = 2 if network.r_return_ohm else 1
     ground, end, values = "0", "row", " ".join(filter(None, ("row_driver", _assignments(driver))))
     if network.r_return_ohm:
         ground = "ground_rows"
@@ -435,8 +412,7 @@ def _without_pad(total_ohm: float, pad_ohm: float) -> float:
 
 
 def _far_column(plan: Plan, network: Network, column: int) -> Iterator[str]:
-    """Write a column whose channel is in another circuit: its virtual ground and the elements
-    before it.
+    """Write a column whose channel is in another circuit: its virtual ground and the elements before it.
 
     Transistors hold it within 0.2 mV (sky130.conveyor_v_offset_v). All columns of a row of 500 ohm
     off by that change what the row draws by 6 uA of 16 mA, and a driver of 1 ohm by 6 uV of 0.5 V:
@@ -465,36 +441,24 @@ def _bias(plan: Plan, frame: int, begin: int) -> str:
 
 
 def _array(plan: Plan, frame: int, network: Network, begin: int, columns: Sequence[int]) -> list[str]:
-    """Some columns of the array of one frame from clock `begin` on; their taxels move to those of the next
-    frame if the plan says so.
-    """
+    """Write some columns of a frame's array from clock `begin` on, with motion to the next frame if it is on."""
     own = list(columns)
     slope = None
     g_taxel_s = network.g_taxel_s
     floor = plan.scene.design.array.r_floor_ohm
     if plan.drive.motion:
-        now, then = (
-            np.minimum(g, 1.0 / floor)
-            for g in (network.g_taxel_s, plan.next_conductance_s(slice(frame, frame + 1))[0])
-        )
+        later = plan.next_conductance_s(slice(frame, frame + 1))[0]
+        now, then = (np.minimum(g, 1.0 / floor) for g in (network.g_taxel_s, later))
         slope = (then - now) / plan.drive.t_frame_s
         g_taxel_s = now + slope * (begin / plan.timing.f_clk_hz)
     with np.errstate(divide="ignore"):
         resistance = np.divide(1.0, g_taxel_s[:, own])
         row, column = (1.0 / g if g else None for g in (network.g_lateral_row_s, network.g_lateral_column_s))
-    text = array_subckt(
-        network.rows,
-        len(own),
-        resistance,
-        row,
-        design=plan.scene.design,
-        lateral_column_ohm=column,
-        trace_row_ohm=float(network.r_trace_row_ohm),
-        trace_column_ohm=float(network.r_trace_column_ohm),
-        taxel_f=float(network.c_taxel_f),
-        slope_s_per_s=None if slope is None else slope[:, own],
-    )
-    return text.splitlines()
+    return array_subckt(
+        network.rows, len(own), resistance, row, design=plan.scene.design, lateral_column_ohm=column,
+        trace_row_ohm=float(network.r_trace_row_ohm), trace_column_ohm=float(network.r_trace_column_ohm),
+        taxel_f=float(network.c_taxel_f), slope_s_per_s=None if slope is None else slope[:, own],
+    ).splitlines()  # fmt: skip
 
 
 def transistor_options() -> str:
@@ -503,14 +467,11 @@ def transistor_options() -> str:
 
 
 def options(pole: bool, clamp_i0_a: float | None = None) -> str:
-    """The `.options` line of a deck with a time constant besides its integrators, without, or with
-    a biting clamp.
+    """The `.options` line of a deck with a time constant besides its integrators, without, or with a clamp that bites.
 
-    `clamp_i0_a` is the largest reference current, in A, of a deck with a clamp that bites (abstol
-    goes with it), else None.
+    `clamp_i0_a` is the largest reference current, in A, of a deck with such a clamp, else None.
     """
     if clamp_i0_a is not None:
-        # The reason of abstol is that of _ABSTOL_CLAMP.
         return ".options " + _assignments({**_OPTIONS_CLAMP, "abstol": _ABSTOL_CLAMP * clamp_i0_a})
     return ".options " + _assignments(_OPTIONS_POLE if pole else _OPTIONS_EXACT)
 
@@ -525,19 +486,18 @@ _LEAK_CLOCKS = 50.0
 
 
 def has_pole(plan: Plan) -> bool:
-    """Return True if the deck has a time constant, besides the integrators, that the steps must
-    resolve.
+    """Return True if the deck has a time constant, besides the integrators, that the steps must resolve.
 
     Comparator (not one that is looked at earlier), range clamp, bandwidth, slow mirror,
     capacitance, and an integrator that leaks within some clocks. What only moves (ripple, taxels)
-    is followed well enough by steps of a clock, or of `longest_step_s`.
+    is followed well enough by steps of a clock, or of `Deck.longest_step_s`.
     """
     converter = plan.converter
     clamped = np.isfinite(converter.v_int_max_v) | np.isfinite(converter.v_int_min_v)
-    delayed = converter.t_comp_delay_s - _late_s(plan)
+    delayed = converter.t_comp_delay_s - _late_s(plan)[0]
     fields = (delayed, converter.v_hysteresis_v, converter.t_gbw_s, converter.q_mirror_c)
     capacitances = {"c_row_f", "c_column_f", "c_taxel_f"} & plan.surrounding.keys()
-    if any(np.any(f) for f in fields) or np.any(clamped) or any(plan.surrounding[c] for c in capacitances):
+    if any(map(np.any, (*fields, clamped))) or any(plan.surrounding[c] for c in capacitances):
         return True
     if not converter.inv_gain_dc.any():
         return False
@@ -546,8 +506,3 @@ def has_pole(plan: Plan) -> bool:
         across = across + plan.conductance_s().sum(axis=1).max(axis=0)
     leak = across * converter.inv_gain_dc / (converter.c_int_f * converter.f_clk_hz)
     return bool(np.any(leak * _LEAK_CLOCKS > 1.0))
-
-
-def longest_step_s(drive: Drive) -> float:
-    """Return 1/40 of the ripple's period (a trapezoidal error of 0.2 %), or inf."""
-    return 1.0 / (40.0 * drive.f_ripple_hz) if drive.ripple and drive.f_ripple_hz else math.inf

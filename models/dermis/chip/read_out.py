@@ -22,12 +22,8 @@ def codes_of_frame(
 ) -> NDArray[np.uint16]:
     """Return the codes [rows, cols] of frame number `frame` after a reset, from 0.
 
-    `rows` are the rows that are not masked; all by default.
-
-    Raises
-    ------
-    SimulatorError
-        It is damaged, it is another one, or not one of each of these rows once with nothing subtracted.
+    `rows` are the rows that are not masked; all by default. SimulatorError if the frame is damaged, is
+    another one, or has not each of these rows once with nothing subtracted.
     """
     try:
         got = spi_protocol.parse_frame(data)
@@ -40,10 +36,8 @@ def codes_of_frame(
         "code_bits": bits,
         "gate_clocks": timing.gate_clocks,
         "slots": tuple(range(timing.rows) if rows is None else rows),
-        "test": False,
         "pedestal_mode": 0,
-        "dark": False,
-        "fault": False,
+        **dict.fromkeys(("test", "dark", "fault"), False),
     }
     for name, value in wanted.items():
         if (found := getattr(got, name)) != value:

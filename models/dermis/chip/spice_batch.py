@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Batch runs of ngspice: a time limit, the retry ladder, and a finite number or an error for every
-`.meas`.
+"""Batch runs of ngspice: a time limit, the retry ladder, and a finite number or an error for every `.meas`.
 
 The exit code of ngspice is no evidence: it is 0 when a `.meas` fails, and when a transient stops
 early and its measurements look plausible.
@@ -47,8 +46,8 @@ _STEPS = (
 _STEP = re.compile(rf"^Instance: r_every_step Model: \S+(?: Time: ({_NUMBER}))?.*\n", re.MULTILINE)
 _CHECKED = re.compile(r"^\.options .*\bwarn=1\b", re.MULTILINE)
 _TIME = re.compile(rf"time\s*=\s*({_NUMBER})", re.IGNORECASE)
-# ngspice takes two OpenMP threads for transistors and ignores OMP_NUM_THREADS. On a busy machine they spin
-# while they wait for each other, and a deck takes ten times as long.
+# ngspice takes two OpenMP threads for transistors and ignores OMP_NUM_THREADS. On a busy machine they wait for each
+# other by spinning, and a deck takes ten times as long.
 _ENVIRONMENT = {"NGSPICE_MEAS_PRECISION": "15", "OMP_THREAD_LIMIT": "1"}
 _SECTION = re.compile(r"^\s*\.(?:control|end)\b", re.MULTILINE | re.IGNORECASE)
 _GUESSED = re.compile(r"^\t(\d+)\t(\S+)\tvoltage", re.MULTILINE)
@@ -78,19 +77,12 @@ def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -
 
     Parameters
     ----------
-    deck : Path
-        Its folder receives the deck as run, ``<name>.run.sp``, and the log, ``<name>.log``.
-    limit_s : float
-        Wall-clock limit of every attempt.
-    level : ladder.Level
-        First rung of the ladder: higher where the lower rungs are known to fail.
+    deck : its folder receives the deck as run, ``<name>.run.sp``, and the log, ``<name>.log``
+    limit_s : wall-clock limit of every attempt
+    level : first rung of the ladder, higher where the lower rungs are known to fail
 
-    Raises
-    ------
-    InputError
-        No ngspice on the path.
-    SimulatorError
-        ngspice stopped on every rung, took too long, or a measurement is missing.
+    InputError without ngspice on the path; SimulatorError if it stopped on every rung, took too long, or a measurement
+    is missing.
     """
     tool = tool_path(*_TOOL)
     rungs = ladder.Climb(deck.stem, level)

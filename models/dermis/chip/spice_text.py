@@ -50,27 +50,20 @@ def array_subckt(
     Parameters
     ----------
     resistance_ohm
-        Scalar or [rows, cols]; inf leaves the element out, what is below array.r_floor_ohm of the
-        design becomes that. None makes each taxel a parameter ``r_r3c4_ohm``, r_max_ohm by default.
+        Scalar or [rows, cols]; inf leaves the element out, what is below array.r_floor_ohm of the design becomes that.
+        None makes each taxel a parameter ``r_r3c4_ohm``, r_max_ohm by default.
     lateral_ohm
-        Scalar or [rows, cols - 1] (inf and 0 as above), None to leave the lateral resistors out,
-        "parameter" to make them all ``{r_lateral_ohm}``, a parameter of the subckt.
-    design
-        Where the defaults come from; models/design.toml when None.
-    lateral_column_ohm
-        Lateral resistors along a column; None to leave them out.
-    trace_row_ohm, trace_column_ohm
-        Of a row and of a column line a taxel pitch; 0 writes no element and makes the line one node.
-    taxel_f
-        Capacitance across every taxel, ``ctaxel_r3c4``; 0 writes none.
+        Scalar or [rows, cols - 1] (inf and 0 as above), None to leave the lateral resistors out, "parameter" to make
+        them all ``{r_lateral_ohm}``, a parameter of the subckt.
+    design : where the defaults come from; models/design.toml when None
+    lateral_column_ohm : lateral resistors along a column; None to leave them out
+    trace_row_ohm, trace_column_ohm : of a line and a taxel pitch; 0 writes no element and makes the line one node
+    taxel_f : capacitance across every taxel, ``ctaxel_r3c4``; 0 writes none
     slope_s_per_s
-        [rows, cols] in siemens a second: how fast conductances change. A taxel that does is a source
-        ``btaxel_r3c4`` and no resistor; its resistance is that at time 0.
+        [rows, cols] in siemens a second: how fast conductances change. A taxel that does is a source ``btaxel_r3c4``
+        and no resistor; its resistance is that at time 0.
 
-    Raises
-    ------
-    InputError
-        Wrong shape, NaN, negative or non-numeric resistances.
+    InputError for a wrong shape, NaN, negative or non-numeric resistances.
     """
     design = design or design_module.load()
     floor = design.array.r_floor_ohm
@@ -123,9 +116,8 @@ def array_subckt(
         ohms = spice_number(float(trace_column_ohm))
         elements += [f"rtrace_col_r{r}c{c} {inner(r, c)} {inner(r + 1, c)} {ohms}" for r, c in cells]
     pins = [f"r{r}" for r in range(rows)] + [f"c{c}" for c in range(cols)]
-    head = [f".subckt {name}", *_folded(pins, 16)]
-    if params:
-        head += _folded([f"params: {params[0]}", *params[1:]], 4)
+    head = [f".subckt {name}", *folded(pins, 16)]
+    head += folded([f"params: {params[0]}", *params[1:]], 4) if params else []
     return "\n".join([*head, *elements, f".ends {name}", ""])
 
 
@@ -143,5 +135,6 @@ def _resistances(key: str, values: ArrayLike, shape: tuple[int, int]) -> list[tu
     return [(cell, float(ohm)) for cell, ohm in np.ndenumerate(table)]
 
 
-def _folded(words: list[str], per_line: int) -> list[str]:
+def folded(words: list[str], per_line: int) -> list[str]:
+    """Return words on continuation lines."""
     return ["+ " + " ".join(words[i : i + per_line]) for i in range(0, len(words), per_line)]

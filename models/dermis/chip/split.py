@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Several ngspice circuits as one analog half: a process each, all advanced from clock edge to
-clock edge.
+"""Several ngspice circuits as one analog half: a process each, all advanced from clock edge to clock edge.
 
 ngspice keeps its circuit in global variables, and a circuit steps wherever any of its columns has
 to; columns apart step by themselves, on as many cores as there are. They meet at every clock edge,
@@ -28,10 +27,7 @@ from dermis.processes import pool
 class Workers:
     """Processes that solve a circuit each, one after another; they start when first asked for.
 
-    Parameters
-    ----------
-    log : Path
-        Log of ngspice; each process has its own, with its number in the name.
+    Each has a log of ngspice of its own: `log` with its number in the name.
     """
 
     def __init__(self, log: Path) -> None:
@@ -69,10 +65,7 @@ class SplitHalf:
     workers : where they are solved
     options : of NgspiceHalf, but for its log
 
-    Raises
-    ------
-    SimulatorError, ladder.Abort
-        As NgspiceHalf; of several the first.
+    Errors are those of NgspiceHalf, of several the first.
     """
 
     def __init__(
@@ -81,11 +74,8 @@ class SplitHalf:
         self._columns = [part for part in decks if part]
         self._shared = rows + 1
         # which circuit has a column's charge switch, and as which of its sources
-        self._place = {
-            column: (i, self._shared + k)
-            for i, part in enumerate(self._columns)
-            for k, column in enumerate(part)
-        }
+        places = ((i, k, c) for i, part in enumerate(self._columns) for k, c in enumerate(part))
+        self._place = {column: (i, self._shared + k) for i, k, column in places}
         all_ = workers.first(len(decks))
         self._workers, self._driver = all_[: len(self._columns)], all_[len(self._columns) :]
         self._sample = np.zeros(len(self._place))
@@ -99,11 +89,8 @@ class SplitHalf:
 
         if self._driver:
             (self._row_v,) = self._ask(self._driver, [opening(len(self._columns), decks[()])])
-            decks = {
-                part: replace(deck, levels=(*self._row_v, *deck.levels[rows:]))
-                for part, deck in decks.items()
-                if part
-            }
+            at = {part: (*self._row_v, *deck.levels[rows:]) for part, deck in decks.items()}
+            decks = {part: replace(deck, levels=at[part]) for part, deck in decks.items()}
         self._ask(self._workers, [opening(i, decks[part]) for i, part in enumerate(self._columns)])
 
     def _ask(self, workers: Sequence[pool.Workers], calls: Sequence[tuple[Any, ...]]) -> list[Any]:
@@ -146,11 +133,8 @@ class SplitHalf:
         if self._still and not switched:
             return []
         (row_v,) = self._ask(self._driver, [(_do, "advance", to, switched)])
-        moved = [
-            (self._now, row, new)
-            for row, (old, new) in enumerate(zip(self._row_v, row_v, strict=True))
-            if abs(new - old) > STILL_V
-        ]
+        pairs = enumerate(zip(self._row_v, row_v, strict=True))
+        moved = [(self._now, row, new) for row, (old, new) in pairs if abs(new - old) > STILL_V]
         for _, row, new in moved:
             self._row_v[row] = new
         self._driven, self._still = to, not moved and not switched

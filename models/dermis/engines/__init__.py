@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from dermis.records import Plan
 
 
+# Largest array for which a refusal asks each engine for its limits: an engine may solve a whole frame to answer, of
+# coupled columns about 1 s of processor time on a sheet of 255 x 40.
 _ASKED_CELLS = 32 * 32
-"""Largest array for which a refusal asks each engine for its limits: an engine may solve a whole frame
-to answer, of coupled columns about 1 s of processor time on a sheet of 255 x 40."""
 
 
 @dataclass
@@ -53,9 +53,8 @@ def refused(plan: Plan, engine: str) -> frozenset[str]:
 
 
 def refuses(plan: Plan, engine: str) -> InputError | None:
-    """Return the error of an engine that honours every field of a plan but not its values, or None.
-
-    Asked before a run so that it ends early; an engine may find more on its way through the frames.
+    """Return the error of an engine that honours every field of a plan but not its values, or None; it may
+    find more on its way through the frames.
     """
     asked = getattr(_module(engine), "refuses", None)
     return _refuses_views(plan, engine) or (asked(plan) if asked else None)
@@ -67,10 +66,6 @@ def _refuses_views(plan: Plan, engine: str) -> InputError | None:
         return None
     allowed = '"cosim", or run.views = "behavioural"'
     return InputError(plan.scene.path, "run.engine", quoted(engine), allowed)
-
-
-def _can(plan: Plan, engine: str) -> bool:
-    return not refused(plan, engine) and refuses(plan, engine) is None
 
 
 def _named(plan: Plan) -> tuple[list[str], str]:
@@ -87,17 +82,12 @@ def cheapest(plan: Plan, among: Iterable[str] | None = None) -> str | None:
     """Return the cheapest engine that refuses nothing of a plan; None if there is none."""
     from dermis.records import ENGINES
 
-    return next((name for name in among or ENGINES if _can(plan, name)), None)
+    able = (name for name in among or ENGINES if not refused(plan, name) and refuses(plan, name) is None)
+    return next(able, None)
 
 
 def check(plan: Plan) -> None:
-    """Refuse a plan whose engine would have to ignore something.
-
-    Raises
-    ------
-    InputError
-        Names the effect and an engine that can do it.
-    """
+    """Refuse a plan whose engine would have to ignore something: InputError with the effect and an able engine."""
     _check_fields(plan)
     _check_sources(plan)
     if error := refuses(plan, plan.engine):
@@ -162,9 +152,7 @@ def _check_sources(plan: Plan) -> None:
 
 
 def _lsb(plan: Plan) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Column current [cols] that moves a code by one, and the magnitude beyond which no current
-    does.
-    """
+    """Return the column current [cols] that moves a code by one, and the largest that does."""
     c, timing = plan.converter, plan.timing
     gain = np.maximum(np.abs(c.gain), 1e-9)  # a gain of 0 reads nothing; any finite LSB will do for it
     lsb = c.k * c.i0_a / gain / timing.gate_clocks

@@ -27,12 +27,9 @@ from dermis.places import PACKAGE, ROOT
 from dermis.processes import pool
 from dermis.records import Plan
 
-# 2^18 taxels are 1024 frames of 16x16: half a second to two seconds of the event engine with everything on, and
-# 4 MB of doubles both ways.
+# 1024 frames of 16x16: half a second to two seconds of engine event with everything on, and 4 MB of doubles both ways.
 _VALUES_A_PART = 1 << 18
-
-# Parts a worker, so that the slowest one does not hold up the rest for long.
-_PARTS_A_WORKER = 4
+_PARTS_A_WORKER = 4  # so that the slowest one does not hold up the rest for long
 
 _PACKAGE_FILES = ("**/*.py", "**/*.c")
 _DATA_FILES = (
@@ -52,10 +49,8 @@ def run(
     Parameters
     ----------
     plan : Plan
-    progress : callable, optional
-        Called with the number of row slots done so far, over all parts.
-    processes : int
-        Processes of this machine; 1 runs the plan here, uncut.
+    progress : called with the number of row slots done so far, over all parts
+    processes : processes of this machine; 1 runs the plan here, uncut
     options : passed to the engine
 
     Returns
@@ -64,12 +59,7 @@ def run(
         As from engines.run; of the engine's further results, arrays of one value a frame are joined, others
         are kept where all parts agree.
 
-    Raises
-    ------
-    InputError
-        Engine cosim with processes (it has its own); the plan's own.
-    SimulatorError
-        A worker died.
+    InputError for engine cosim with processes (it has its own), and the plan's own; SimulatorError if a worker died.
     """
     engines.check(plan)
     if processes > 1 and plan.engine == "cosim":
@@ -92,13 +82,9 @@ def bounds(plan: Plan, workers: int) -> list[tuple[int, int]]:
 def spread(
     calls: Iterable[tuple[Callable[..., Any], tuple[Any, ...]]], executor: Executor, workers: int
 ) -> Iterator[tuple[int, Future[Any]]]:
-    """Give calls to an executor, and yield (number of the call, its future) as they end, in any
-    order.
+    """Give calls (function, arguments) to an executor, as its workers become free.
 
-    Parameters
-    ----------
-    calls : function and arguments each; taken from as workers become free
-    executor, workers : of `pool.workers`, and how many there are
+    Yields (number of the call, its future) as they end, in any order.
     """
     waiting = enumerate(calls)
     running: dict[Future[Any], int] = {}

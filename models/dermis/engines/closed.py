@@ -33,13 +33,7 @@ def refuses(plan: Plan) -> InputError | None:
 
 
 def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
-    """Run a plan.
-
-    Parameters
-    ----------
-    plan : Plan
-    progress : callable, optional
-        Called with the number of row slots done so far.
+    """Run a plan; `progress` is called with the number of row slots done so far.
 
     Returns
     -------
@@ -63,9 +57,6 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
 def codes_of(plan: Plan, x: NDArray[np.float64]) -> NDArray[np.unsignedinteger]:
     """Codes of duties x [frames, rows, cols] by the formula."""
     c, timing = plan.converter, plan.timing
-    start = {
-        "w0": W_PRESET + c.preset_error_v / c.packet_v(),
-        "packet": 1.0 + c.packet_error,
-        "threshold": c.v_comp_offset_v / c.packet_v(),
-    }
+    w0, threshold = W_PRESET + c.preset_error_v / c.packet_v(), c.v_comp_offset_v / c.packet_v()
+    start = {"w0": w0, "packet": 1.0 + c.packet_error, "threshold": threshold}
     return code(x, timing.gate_clocks, timing.code_max, **start).astype(code_type(timing.code_max))

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Engine `cosim`: the real Verilog in lock-step with ngspice, each chunk of frames in a process of
-its own.
+"""Engine `cosim`: the real Verilog in lock-step with ngspice, each chunk of frames in a process of its own.
 
 In a scene with auto the chip scans only the rows that engine event leaves open (masking.py).
 """
@@ -8,7 +7,6 @@ In a scene with auto the chip scans only the rows that engine event leaves open 
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import os
 import pickle
@@ -16,10 +14,9 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
-
-import numpy as np
 
 from dermis.chip import hdl, netlist
 from dermis.engines import Result, masking
@@ -29,31 +26,23 @@ from dermis.lockstep import ladder
 from dermis.processes import children
 from dermis.records import Plan
 
-HONOURS = netlist.HONOURS
-"""Of a plan in behavioural views; see `honours`."""
-honours = netlist.honours
+HONOURS, honours = netlist.HONOURS, netlist.honours
+"""Of a plan in behavioural views, and of a plan in its own."""
 
 HONOURS_EXACT = frozenset({"g_lateral_row_s", "g_lateral_column_s"})
-"""Fields of the exact analog half: its converters are ideal, and laterals between ideal lines carry
-no current.
-"""
+"""Fields of the exact analog half: its converters are ideal; laterals between ideal lines carry no current."""
 
 FRAMES_A_PROCESS = 4
-"""A process costs about a second to start and a frame about four: short enough to share out, long
-enough to pay.
-"""
+"""A process costs about a second to start, a frame about four: short enough to share out, long enough to pay."""
 
 _cores = threading.BoundedSemaphore(os.cpu_count() or 1)  # over every run of this process, not each
 
 SLOT_LIMIT_S = 120.0
-"""Longest wait for the first row slot (loading, parsing, operating point) and for each further one; ideal ones take
-under a second.
-"""
+"""Longest wait for the first row slot (loading, operating point), and each further one; ideal ones take under 1 s."""
 EFFECTS_LIMIT_FACTOR = 5.0
 """The limit times this with effects: 16 x 16 with all of them took 11 s a row, 70 s on a busy machine."""
 VIEWS_LIMIT_FACTOR = 10.0
-"""With transistors: a row of 16 columns at 29 ms a clock (docs/views.md) is 290 s of one core, and
-four runs may share it."""
+"""With transistors: a row of 16 columns at 29 ms a clock (docs/views.md) is 290 s of one core, shared by four runs."""
 
 
 def refuses(plan: Plan) -> InputError | None:
@@ -77,8 +66,7 @@ def run(
     Parameters
     ----------
     plan : Plan
-    progress : callable, optional
-        Called with the number of row slots done so far, over all processes.
+    progress : called with the number of row slots done so far, over all processes
     simulator : "icarus" or "verilator"
     sync_latch : build the chip with the flip-flop + latch synchronizer
     analog : "ngspice", or "exact" for the ideal converters without a circuit simulator
@@ -93,12 +81,8 @@ def run(
         attempts that ngspice gave up (docs/ladder.md; on stderr as well), in a scene with auto the rows that were
         solved and, if recorded, the records.
 
-    Raises
-    ------
-    InputError
-        An effect that the exact half would have to ignore, or an array or timing that the chip is not made for.
-    SimulatorError
-        Either simulator failed, stopped answering or left no result.
+    InputError for an effect that the exact half would have to ignore, or an array or timing that the chip is not made
+    for; SimulatorError if either simulator failed, stopped answering or left no result.
     """
     if analog == "exact" and (lost := plan.active_fields() - HONOURS_EXACT):
         names = sorted({f"effects.{name}" for field in lost for name in plan.effects_of_field(field)})
@@ -151,9 +135,9 @@ def run(
             codes = rows.with_solved(line for part in parts for line in part["codes"])
     info: dict[str, Any] = {
         "seconds": time.perf_counter() - start,
-        "processor_s": float(sum(part["processor_s"] for part in parts)),
+        "processor_s": sum(part["processor_s"] for part in parts),
         "simulator": simulator,
-        "steps": {n: int(sum(p[f"statistics_{n}"] for p in parts)) for n in STATISTICS},
+        "steps": {name: sum(part["steps"][name] for part in parts) for name in STATISTICS},
         "retries": {name: said for part in parts for name, said in _retries(part).items()},
     }
     if plan.filtered:
@@ -165,12 +149,9 @@ def run(
 
 def _retries(part: dict[str, Any]) -> dict[str, Any]:
     """Return the retries of ngspice by frame, and report them on stderr."""
-    found = {}
-    for frame, retries in json.loads(str(part["retries"])).items():
-        way = ladder.Climb(f"frame {frame}")
-        way.add(ladder.Retry(**retry) for retry in retries)
-        found[way.what] = retries
-    return found
+    for frame, retries in part["retries"].items():
+        ladder.Climb(f"frame {frame}").add(retries)
+    return {f"frame {frame}": [asdict(retry) for retry in some] for frame, some in part["retries"].items()}
 
 
 def _block(plan: Plan, block: masking.Block, analog: str, record: bool) -> Block:
@@ -214,16 +195,14 @@ def _run_job(
     module, limit_s = "dermis.engines.cosim_hdl", factor * SLOT_LIMIT_S
     with contextlib.suppress(RuntimeError, SystemExit):  # of cocotb's runner, for a test that failed
         hdl.run_cocotb(simulator, build, "dermis_top", module, directory, told, limit_s=limit_s, run=simulate)
-    failure = directory / "error.json"
-    if failure.exists():
-        said = json.loads(failure.read_text())
-        raise SimulatorError(f"{_place(job, slots)}: {said['what']}", said["log"] or directory)
     try:
-        with np.load(directory / "result.npz") as data:
-            return dict(data)
-    except (OSError, ValueError):
+        result = pickle.loads((directory / "result.pickle").read_bytes())
+    except OSError:
         what = f"the HDL simulator ended without a result in {_place(job, slots)}"
         raise SimulatorError(what, directory) from None
+    if isinstance(result, SimulatorError):
+        raise SimulatorError(f"{_place(job, slots)}: {result.what}", result.log or directory)
+    return result
 
 
 def _place(job: Job, slots: int) -> str:

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cocotb test of engine cosim: an HDL simulator and, in the same process, ngspice.
 
-Its job is a directory: job.pickle in; progress, result.npz or error.json, and logs out.
+Its job is a directory: job.pickle in; progress, result.pickle and logs out.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import pickle
 import traceback
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from dermis.lockstep.ngspice import NgspiceHalf
 from dermis.processes import cpu_time
 
 
-async def _frames(dut: Any, job_dir: Path) -> None:
+async def _frames(dut: Any, job_dir: Path) -> dict[str, Any]:
     job: Job = pickle.loads((job_dir / "job.pickle").read_bytes())
     timing = job.timing
     # Steps and waveforms of the circuits: of the running scan, and of the scans before it.
@@ -49,9 +48,8 @@ async def _frames(dut: Any, job_dir: Path) -> None:
             name += (f"_column_{part[0]}" if part else "_rows") if len(block.decks) > 1 else ""
             write_atomic(job_dir / f"{name}.cir", "\n".join(deck.lines) + "\n")
             decks[part] = deck
-        options: dict[str, Any] = {
-            "t_edge_s": job.solver.t_edge_s,
-            "t_max_step_s": job.solver.t_max_step_s,
+        options: dict[str, Any] = {"t_edge_s": job.solver.t_edge_s, "t_max_step_s": job.solver.t_max_step_s}
+        options |= {
             "t_stop_s": bridge.analog_s(timing, len(block.rows)),
             "record": job.record,
             "level": level,
@@ -68,13 +66,9 @@ async def _frames(dut: Any, job_dir: Path) -> None:
 
     def make_half(block: Block, levels: list[float]) -> Any:
         running.append(block.frame)
-        if job.ranges and (pins := tuple(chip.ranges())) != job.ranges:
-            column = next(
-                c for c, pair in enumerate(zip(pins, job.ranges, strict=True)) if pair[0] != pair[1]
-            )
-            raise SimulatorError(
-                f"range_o selects {pins[column]} in column {column}, not {job.ranges[column]}"
-            )
+        for column, (wanted, found) in enumerate(zip(job.ranges, chip.ranges(), strict=False)):
+            if found != wanted:
+                raise SimulatorError(f"range_o selects {found} in column {column}, not {wanted}")
         if block.duty is not None:
             t_clk_s, t_edge_s = 1.0 / timing.f_clk_hz, job.solver.t_edge_s
             return ExactHalf(block.duty, levels, t_clk_s=t_clk_s, t_edge_s=t_edge_s)
@@ -96,16 +90,8 @@ async def _frames(dut: Any, job_dir: Path) -> None:
 
     for scan in job.scans:
         while True:
-            chip = bridge.Bridge(
-                dut,
-                timing,
-                job.cols,
-                rows=scan[0].rows,
-                ranges=job.ranges,
-                sync_latch=job.sync_latch,
-                trace=job.record,
-                progress=on_slot,
-            )
+            options = {"sync_latch": job.sync_latch, "trace": job.record, "progress": on_slot}
+            chip = bridge.Bridge(dut, timing, job.cols, rows=scan[0].rows, ranges=job.ranges, **options)
             running.clear()
             try:
                 codes = await chip.run(len(scan), lambda at, levels, scan=scan: make_half(scan[at], levels))
@@ -122,24 +108,18 @@ async def _frames(dut: Any, job_dir: Path) -> None:
         ended += kept
         kept.clear()
     workers.close()
-    arrays: dict[str, Any] = {"codes": np.concatenate(scanned)}
-    for name in STATISTICS:
-        arrays[f"statistics_{name}"] = sum(statistics[name] for statistics, _ in ended)
-    arrays["processor_s"] = cpu_time.cpu_used_s()
-    arrays["retries"] = json.dumps(
-        {frame: [asdict(retry) for retry in way.retries] for frame, way in ways.items() if way.retries}
-    )
+    result: dict[str, Any] = {
+        "codes": np.concatenate(scanned),
+        "steps": {name: sum(statistics[name] for statistics, _ in ended) for name in STATISTICS},
+        "processor_s": cpu_time.cpu_used_s(),
+        "retries": {frame: way.retries for frame, way in ways.items() if way.retries},
+    }
     if chip.trace is not None:
-        for name, values in vars(chip.trace).items():
-            arrays[f"trace_{name}"] = np.array([f"{v:x}" for v in values])
-        arrays["trace_charge_delay_clocks"] = chip.charge_delay_clocks
-        for i, (time, probes) in enumerate(waveform for _, waveform in ended):
-            arrays[f"wave{i}_time_s"] = time
-            arrays[f"wave{i}_begin_s"] = chip.trace.begins[i] / timing.f_clk_hz
-            arrays |= {f"wave{i}_{name}": values for name, values in probes.items()}
-    scratch = job_dir / "result.partial.npz"
-    np.savez(scratch, **arrays)
-    scratch.replace(job_dir / "result.npz")
+        result["trace"] = vars(chip.trace)
+        result["charge_delay_clocks"] = chip.charge_delay_clocks
+        begins_s = [begin / timing.f_clk_hz for begin in chip.trace.begins]
+        result["waves"] = [(begin_s, *wave) for begin_s, (_, wave) in zip(begins_s, ended, strict=False)]
+    return result
 
 
 if JOB_VARIABLE in os.environ:
@@ -147,16 +127,15 @@ if JOB_VARIABLE in os.environ:
 
     @cocotb.test()
     async def frames(dut: Any) -> None:
-        """Read the frames of the job; whatever goes wrong is left as error.json for the parent."""
+        """Leave the result of the job, or its error, for the parent."""
         job_dir = Path(os.environ[JOB_VARIABLE])
+        result: Any
         try:
-            await _frames(dut, job_dir)
-        except Exception as error:
-            said: dict[str, Any] = {"what": f"{type(error).__name__} in the co-simulation: {error}"}
-            if isinstance(error, SimulatorError):
-                said = {"what": error.what, "log": error.log}
-            else:
-                said["log"] = str(job_dir / "traceback.log")
-                (job_dir / "traceback.log").write_text(traceback.format_exc())
-            write_atomic(job_dir / "error.json", json.dumps(said))
-            raise
+            result = await _frames(dut, job_dir)
+        except SimulatorError as error:
+            result = error
+        except Exception as error:  # whatever it is, the parent reports it
+            log = job_dir / "traceback.log"
+            log.write_text(traceback.format_exc())
+            result = SimulatorError(f"{type(error).__name__} in the co-simulation: {error}", log)
+        write_atomic(job_dir / "result.pickle", pickle.dumps(result))

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Work of one child process of engine cosim: records of numbers and texts, so that the child loads
-neither scenes nor effects nor compiled loops.
-"""
+"""Work of one child process of engine cosim: plain records, so that it loads neither scenes nor compiled loops."""
 
 from __future__ import annotations
 
@@ -55,13 +53,10 @@ class Job:
 
     Attributes
     ----------
-    timing : Timing
-    cols : number of columns
+    timing, cols, sync_latch, record : as in dermis.chip.bridge.Bridge; `record` keeps waveforms
     ranges : range of each column's k, for which the decks are; none for the direct interface
     scans : runs of the chip from a reset: blocks of the same rows, read frame after frame
-    sync_latch : the chip was built with the flip-flop + latch synchronizer
     solver : step control
-    record : keep waveforms
     """
 
     timing: Timing

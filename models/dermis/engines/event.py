@@ -33,18 +33,13 @@ def refuses(plan: Plan) -> InputError | None:
 
 def _refuses_long_gates(plan: Plan) -> InputError | None:
     """Refuse gates through which a charge that is summed up clock by clock rounds to a visible part of a packet."""
-    clocks = plan.timing.gate_clocks
-    if clocks <= LONGEST_GATE:
-        return None
-    return InputError(
-        plan.scene.path, "timing.gate_clocks", clocks, f"at most {LONGEST_GATE}, or engine closed"
-    )
+    clocks, allowed = plan.timing.gate_clocks, f"at most {LONGEST_GATE}, or engine closed"
+    long = clocks > LONGEST_GATE
+    return InputError(plan.scene.path, "timing.gate_clocks", clocks, allowed) if long else None
 
 
 def _refuses_return(plan: Plan) -> InputError | None:
-    """Refuse a shared return where more than settled currents depend on it: settling and coupled
-    columns.
-    """
+    """Refuse a shared return where more than settled currents depend on it: settling, coupled columns."""
     if not plan.network(0).r_return_ohm:
         return None
     active = plan.active_fields()
@@ -53,11 +48,10 @@ def _refuses_return(plan: Plan) -> InputError | None:
         "mirror_lag": course.has_idle_current(plan),
         "integrator_gain": course.couples(plan),
     }
-    names = [name for name, on in asked.items() if on]
-    if not names:
+    if (name := next((name for name, on in asked.items() if on), None)) is None:
         return None
-    allowed = f"without {names[0]}, or engine cosim"
-    return InputError(plan.scene.path, "effects.return", f"on together with {names[0]}", allowed)
+    allowed = f"without {name}, or engine cosim"
+    return InputError(plan.scene.path, "effects.return", f"on together with {name}", allowed)
 
 
 def _refuses_displaced(plan: Plan) -> InputError | None:
@@ -65,24 +59,15 @@ def _refuses_displaced(plan: Plan) -> InputError | None:
         return None
     for name, counts in injection.counts(plan).items():
         if (counts > _DISPLACED).any():
-            return InputError(
-                plan.scene.path,
-                "effects.line_capacitance",
-                f"on together with {', '.join(plan.effects_of_field(name))}",
-                f"injected charge that is certain to {_DISPLACED:g} LSB (here {counts.max():.2g}); "
-                "use engine cosim",
-            )
+            value = f"on together with {', '.join(plan.effects_of_field(name))}"
+            allowed = f"injected charge that is certain to {_DISPLACED:g} LSB (here {counts.max():.2g})"
+            allowed += "; use engine cosim"
+            return InputError(plan.scene.path, "effects.line_capacitance", value, allowed)
     return None
 
 
 def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
-    """Run a plan.
-
-    Parameters
-    ----------
-    plan : Plan
-    progress : callable, optional
-        Called with the number of row slots done so far.
+    """Run a plan; `progress` is called with the number of row slots done so far.
 
     Returns
     -------
@@ -90,10 +75,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
         codes [frames, rows, cols]; info["x"] is their duty (mean over the gate), info["w_end"] the
         charge at the end of the gate in packets.
 
-    Raises
-    ------
-    InputError
-        The direct interface with finite gain and impedances that couple its columns by more than a count.
+    InputError for the direct interface with finite gain and impedances that couple its columns by more than a count.
     """
     shape = plan.resistance_ohm.shape
     codes = np.empty(shape, dtype=code_type(plan.timing.code_max))

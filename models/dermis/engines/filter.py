@@ -27,16 +27,14 @@ from dermis.effects import EFFECTS
 from dermis.engines import Result, event
 from dermis.records import Plan
 
-HONOURS = event.HONOURS
+HONOURS, refuses = event.HONOURS, event.refuses
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Cells = tuple[NDArray[np.intp], ...]
 
-# Cells at once, as in engine event.
-_VALUES_AT_ONCE = 1 << 14
-# Time constants after which a mirror that was anywhere is where it goes, to 1e-17.
-_MEMORY = 60.0
+_VALUES_AT_ONCE = 1 << 14  # cells, as in engine event
+_MEMORY = 60.0  # time constants after which a mirror that was anywhere is where it goes, to 1e-17
 
 
 @dataclass
@@ -82,23 +80,11 @@ def merged(tables: list[dict[str, Any]]) -> dict[str, Any]:
     for table in tables:
         for name, (caused, possible, walked) in table["effects"].items():
             one = effects.setdefault(name, [0.0, 0.0, 0])
-            one[0] = max(one[0], caused)
-            one[1] = (
-                possible
-                if isinstance(possible, str)
-                else one[1]
-                if isinstance(one[1], str)
-                else max(one[1], possible)
-            )
-            one[2] += walked
+            unbounded = next((bound for bound in (possible, one[1]) if isinstance(bound, str)), None)
+            one[:] = max(one[0], caused), unbounded or max(one[1], possible), one[2] + walked
     sums = {name: sum(t[name] for t in tables) for name in ("decided", "level_1", "everything")}
     looseness = statistics.median(t["bound_over_shift"] for t in tables)
     return sums | {"reason": tables[0]["reason"], "bound_over_shift": looseness, "effects": effects}
-
-
-def refuses(plan: Plan) -> Any:
-    """Return the error of engine event for this plan, or None."""
-    return event.refuses(plan)
 
 
 def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
@@ -241,17 +227,9 @@ class _Part:
             i = self.gate_currents.follows_begin[cells] + self.gate_currents.rest_begin[cells]
             x = walk.columns_of(self.plan.converter, cells[2]).duty(i)
         output = self.s.end[0] if self.slow_mirror else None
-        return walk.Chosen(
-            self.g_column_s[cells[0], cells[2]],
-            *cells,
-            x,
-            noise.chosen_keys(self.plan.seed, self.first, cells) if self.random else None,
-            self.gate_currents,
-            self._idle_course(cells),
-            self.phase,
-            output,
-            depth,
-        )
+        draws = noise.chosen_keys(self.plan.seed, self.first, cells) if self.random else None
+        across, idle = self.g_column_s[cells[0], cells[2]], self._idle_course(cells)
+        return walk.Chosen(across, *cells, x, draws, self.gate_currents, idle, self.phase, output, depth)
 
     def _walk(self, cells: Cells) -> NDArray[np.int64]:
         """Counts of open cells by engine event."""

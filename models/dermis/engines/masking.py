@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows that engine cosim has to solve in a scene with auto; the chip's own ROW_MASK leaves out the
-others.
+"""Rows that engine cosim has to solve in a scene with auto; the chip's own ROW_MASK leaves out the others.
 
 A cell is decided if the filter of `auto` decides it with its bounds widened by what levels of
 ngspice may differ, or if engine event gives the same code with its levels moved up and down by as
@@ -9,7 +8,6 @@ much. A row of decided cells needs no circuit simulator (docs/auto.md).
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -26,23 +24,18 @@ Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 APART_LSB = 0.01
-"""Packets by which levels of ngspice and engine event may differ: three times the largest
-difference that was measured (docs/cosimulation.md)."""
+"""Packets by which levels of ngspice and engine event may differ: thrice what was measured (docs/cosimulation.md)."""
 
 FORGOTTEN_LSB = 1e-3
-"""Packets of an earlier row that may be left in an open cell: as much as other steps of ngspice
-move a level by.
-"""
+"""Packets of an earlier row that may be left in an open cell: other steps of ngspice move a level as much."""
 
 ROUNDING_LSB = 1e-4
 """Packets of rounding and approximation: 1e-9 of a current, 5e-5 packets in a course with motion."""
 
-_SWITCHED_LSB = 4.0
-"""Packets by which an integrator's output may be away from its preset when the preset begins."""
-
-
-_FULL = 1e3
-"""Duty that stands for any larger one."""
+_SWITCHED_LSB = (
+    4.0  # packets by which an integrator's output may be away from its preset when the preset begins
+)
+_FULL = 1e3  # duty that stands for any larger one
 
 
 class Block(NamedTuple):
@@ -60,8 +53,7 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """Codes [frames, rows, cols] of engine event, the cells that stay open, and the blocks of rows
-    to be solved.
+    """Codes [frames, rows, cols] of engine event, cells that stay open, and blocks of rows to be solved.
 
     `early` counts rows that are solved only because a later open row remembers them. `reason` says
     why all rows are solved; it is empty otherwise.
@@ -79,10 +71,9 @@ class Verdict:
         None if ngspice read a decided cell otherwise: then levels differ by more than APART_LSB.
         """
         codes, found = self.codes.copy(), self.codes.copy()
-        for (frame, row), line in zip(
-            ((block.frame, row) for block in self.blocks for row in block.rows), read, strict=True
-        ):
-            found[frame, row] = line
+        cells = [(block.frame, row) for block in self.blocks for row in block.rows]
+        for place, line in zip(cells, read, strict=True):
+            found[place] = line
         rows = self.open.any(axis=2)
         codes[rows] = found[rows]
         return None if (codes != self.codes)[~self.open].any() else codes
@@ -107,11 +98,10 @@ class Verdict:
 def merged(tables: Iterable[dict[str, Any]]) -> dict[str, Any]:
     """The table of several parts of one run."""
     tables = list(tables)
-    sums = Counter({name: 0 for name, value in tables[0].items() if isinstance(value, int)})
-    for table in tables:
-        sums.update({name: table[name] for name in sums})
+    counts = [name for name, value in tables[0].items() if isinstance(value, int)]
+    sums = {name: sum(table[name] for table in tables) for name in counts}
     rows = {frame: text for table in tables for frame, text in table["rows"].items()}
-    return dict(sums) | {"reason": next((t["reason"] for t in tables if t["reason"]), ""), "rows": rows}
+    return sums | {"reason": next((t["reason"] for t in tables if t["reason"]), ""), "rows": rows}
 
 
 def everything(plan: Plan, reason: str = "") -> Verdict:
@@ -146,22 +136,17 @@ def decide(plan: Plan) -> Verdict:
     codes, open_ = filter.decide(like, np.where(unbounded, np.inf, apart))
     if open_.any() and not unbounded.all():
         # Levels move codes in order but for the comparator's window and for what is late of a packet.
-        late = c.v_hysteresis_v / c.packet_v() + (c.t_comp_delay_s * c.f_clk_hz + lag) * (
-            1.0 + c.packet_error
-        )
+        delay = c.t_comp_delay_s * c.f_clk_hz + lag
+        late = c.v_hysteresis_v / c.packet_v() + delay * (1.0 + c.packet_error)
         offset_v = (apart + ROUNDING_LSB + late) * c.packet_v()
-        low, high = (
-            event.run(replace(like, converter=replace(c, v_comp_offset_v=c.v_comp_offset_v + v))).codes
-            for v in (offset_v, -offset_v)
-        )
+        moved = (replace(c, v_comp_offset_v=c.v_comp_offset_v + v) for v in (offset_v, -offset_v))
+        low, high = (event.run(replace(like, converter=converter)).codes for converter in moved)
         open_ &= unbounded | (low != high)
     return Verdict(codes, open_, *_blocks(open_, _memory(plan, open_)))
 
 
 def _blocks(open_: Bools, memory: NDArray[np.intp]) -> tuple[tuple[Block, ...], int]:
-    """Blocks that hold every open row and the rows that it remembers; and how many rows only the
-    latter asks for.
-    """
+    """Return blocks that hold every open row and the rows that it remembers, and the number of the latter."""
     wanted = open_.any(axis=2)
     solved = wanted.copy()
     for frame, row in zip(*np.nonzero(wanted), strict=True):
@@ -173,8 +158,7 @@ def _blocks(open_: Bools, memory: NDArray[np.intp]) -> tuple[tuple[Block, ...], 
 
 
 def _memory(plan: Plan, open_: Bools) -> NDArray[np.intp]:
-    """Rows before each row [frames, rows] that its open cells still remember when their gates
-    begin.
+    """Return the rows before each row [frames, rows] that its open cells remember when their gates begin.
 
     A block begins at the operating point of its first row, where lines and slow mirrors are
     settled. Row 0 of a whole scan begins so as well.
@@ -190,9 +174,7 @@ def _memory(plan: Plan, open_: Bools) -> NDArray[np.intp]:
 
 
 def _mirrors(plan: Plan, network: Network, g: Floats) -> Floats:
-    """Packets [rows + 1, rows, cols] by which slow mirrors differ, after no, one, ... rows
-    before.
-    """
+    """Packets [rows + 1, rows, cols] by which slow mirrors differ, after no, one, ... rows before."""
     c, timing = plan.converter, plan.timing
     left = np.zeros((plan.rows + 1, plan.rows, plan.cols))
     if not c.q_mirror_c.any():

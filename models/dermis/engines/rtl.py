@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Engine `rtl`: the real Verilog in Verilator or Icarus with the real-number models of
-models/verilog.
+"""Engine `rtl`: the real Verilog in Verilator or Icarus with the real-number models of models/verilog.
 
 The array is solved here and its column currents are handed over in a file; everything after the
 columns is Verilog. One build serves all scenes of the same size with the same effects, since what
@@ -35,9 +34,7 @@ Floats = NDArray[np.float64]
 HONOURS = netlist.HONOURS
 """Record fields that the models have, as those of SPICE: all but the random ones."""
 MODELS = ROOT / "models" / "verilog"
-
-_VALUES_AT_ONCE = 1 << 19
-"""Currents in one file: 2048 frames of 16x16 in 4 MB."""
+_VALUES_AT_ONCE = 1 << 19  # currents in one file: 2048 frames of 16x16 in 4 MB
 
 FRAME_LIMIT_S = 120.0
 """Longest wait for a further frame; 16 x 16 take 0.6 ms in Verilator and 0.5 s in Icarus."""
@@ -62,8 +59,7 @@ def run(
     Parameters
     ----------
     plan : Plan
-    progress : callable, optional
-        Called with the number of row slots done so far.
+    progress : called with the number of row slots done so far
     simulator : "verilator" or "icarus"
     sync_latch : build the chip with the flip-flop + latch synchronizer
     work : directory for the files handed over, emptied first; default one in build/rtl_runs that stays only after a
@@ -75,12 +71,8 @@ def run(
     Result
         codes uint8 [frames, rows, cols].
 
-    Raises
-    ------
-    InputError
-        The chip is not made for such an array or timing.
-    SimulatorError
-        The simulator failed, stopped answering or left no proper result.
+    InputError if the chip is not made for such an array or timing; SimulatorError if the simulator failed, stopped
+    answering or left no proper result.
     """
     effects, places = effect_bits(plan, models), value_places(models)
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
@@ -164,16 +156,11 @@ class Currents:
 
     Attributes
     ----------
-    cells : ndarray
-        [frames, rows, cols, (1 + idle) terms]: the input of course.sv.
-    basis : ndarray
-        [1 + clocks of a slot, terms]: the functions of time, where a row is driven and as means over a slot's clocks.
-    terms : int
-        1 where a current is constant in its slot.
-    idle : int
-        1 where a slow mirror sees a current in the break after a row.
-    coupling : Coupling or None
-        How columns of the direct interface move each other; its current is in `cells` already.
+    cells : [frames, rows, cols, (1 + idle) terms], the input of course.sv
+    basis : [1 + clocks of a slot, terms], functions of time where a row is driven, and as means over a slot's clocks
+    terms : 1 where a current is constant in its slot
+    idle : 1 where a slow mirror sees a current in the break after a row
+    coupling : how columns of the direct interface move each other; its current is in `cells` already
     """
 
     cells: Floats
@@ -241,9 +228,7 @@ def run_time_values(
     sync_latch: bool,
     places: dict[str, int],
 ) -> Floats:
-    """Run-time values of values.vh, [frames, rows, cols, VALUES]; without `each` those of the first
-    row alone.
-    """
+    """Run-time values of values.vh, [frames, rows, cols, VALUES]; without `each` those of the first row alone."""
     g = plan.conductance_s(part if each else slice(part.start, part.start + 1))
     converter, active = plan.converter, plan.active_fields()
     column = walk.cells_of(plan, np.zeros(g.shape), g, coupled)
@@ -306,7 +291,7 @@ def simulate(
     plan: Plan, command: list[str], work: Path, frames: int, on_rows: Callable[[int], None]
 ) -> NDArray[np.uint16]:
     """Run the reader on work/currents.bin and return its codes, [frames, rows, cols]."""
-    out, log = work / "frames.txt", work / "simulator.log"
+    out, log, name = work / "frames.txt", work / "simulator.log", Path(command[0]).name
     out.unlink(missing_ok=True)
     width = 2 * (ANSWER_BYTES + read_out.frame_bytes(plan.timing, plan.cols)) + 1
 
@@ -316,7 +301,6 @@ def simulate(
         return size
 
     code = children.run_child(command, work, log, FRAME_LIMIT_S, progress=written)
-    name = Path(command[0]).name
     if code is None:
         raise SimulatorError(f"{name} wrote no frame for {FRAME_LIMIT_S:g} s", log)
     if code != 0:
@@ -333,10 +317,7 @@ ANSWER_BYTES = 3
 def read_codes(plan: Plan, path: Path, frames: int) -> NDArray[np.uint16]:
     """Read the answers that the host wrote, a line a frame; return codes [frames, rows, cols].
 
-    Raises
-    ------
-    SimulatorError
-        Anything but every frame once, whole and in order.
+    SimulatorError for anything but every frame once, whole and in order.
     """
     lines = path.read_text(errors="replace").split("\n")
     if lines.pop() or len(lines) != frames:
@@ -345,14 +326,13 @@ def read_codes(plan: Plan, path: Path, frames: int) -> NDArray[np.uint16]:
     for frame, line in enumerate(lines):
         try:
             answer = bytes.fromhex(line)
+            head, data = answer[:ANSWER_BYTES], answer[ANSWER_BYTES:]
+            if head[:1] != bytes([spi_protocol.TOKEN_DATA]) or int.from_bytes(head[1:], "big") != len(data):
+                raise SimulatorError(f"the chip answers FRAME with {line[:40]}")
+            codes.append(read_out.codes_of_frame(data, frame, plan.timing, plan.cols))
         except ValueError:
             said = f"frame {frame}: {line[:40]!r} is not a frame of the host protocol"
             raise SimulatorError(said, path) from None
-        head, data = answer[:ANSWER_BYTES], answer[ANSWER_BYTES:]
-        if head[:1] != bytes([spi_protocol.TOKEN_DATA]) or int.from_bytes(head[1:], "big") != len(data):
-            raise SimulatorError(f"frame {frame}: the chip answers FRAME with {line[:40]}", path)
-        try:
-            codes.append(read_out.codes_of_frame(data, frame, plan.timing, plan.cols))
         except SimulatorError as error:
             raise SimulatorError(f"frame {frame}: {error.what}", path) from None
     return np.array(codes)

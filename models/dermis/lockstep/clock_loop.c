@@ -9,6 +9,7 @@
  * answer begins there. A net that changes at any other time is an error. Time is counted in units of the HDL simulator.
  */
 #include <math.h>
+#include <stdarg.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -40,12 +41,10 @@
 
 typedef unsigned long long tick_t;
 
-/* `solve` up to time `to` with these edges; 0, or a failure which only its owner understands */
-typedef int solve_t(double to, int n_edge, const int *source, const double *time, const double *level, double *sample);
-
-/* of lockstep.c */
-solve_t lockstep_advance;
-double lockstep_beyond(int probe, double above, int upwards);
+/* `solve` up to time `to` with these edges: samples there, and their extremes since the last call, for a pulse may be over
+   before `to`; returns 0, or a failure which only its owner understands */
+typedef int solve_t(double to, int n_edge, const int *source, const double *time, const double *level, double *sample,
+                    double *low, double *high);
 
 enum state { IDLE, RUNNING, ENDED, WRONG, UNSOLVED }; /* WRONG: text has the reason; UNSOLVED: code is of the half */
 enum kind { BITS, CODE, REAL };                       /* a source a bit; one source for the number, or for the real value */
@@ -93,7 +92,7 @@ static struct {
     bool near;   /* it is a clock edge, and the HDL was told of a crossing one unit before */
 
     int source[MAX_EDGES], n_edge;
-    double time[MAX_EDGES], level[MAX_EDGES], sample[MAX_EDGES];
+    double time[MAX_EDGES], level[MAX_EDGES], sample[MAX_EDGES], low[MAX_EDGES], high[MAX_EDGES];
     double t1, t2, v1[MAX_EDGES], v2[MAX_EDGES]; /* the samples before, and before these */
 
     int n_sample, traced; /* samples that are kept at each event, and words of nets and outputs, at each clock edge */
@@ -118,6 +117,22 @@ static int stop(enum state state)
     return 0;
 }
 
+static int wrong(const char *format, ...)
+{
+    va_list values;
+    va_start(values, format);
+    vsnprintf(lp.text, TEXT_BYTES, format, values);
+    va_end(values);
+    return stop(WRONG);
+}
+
+static vpiHandle after(tick_t wait, PLI_INT32 (*call)(p_cb_data), void *user)
+{
+    s_vpi_time delay = {.type = vpiSimTime, .high = (PLI_UINT32)(wait >> 32), .low = (PLI_UINT32)wait};
+    s_cb_data next = {.reason = cbAfterDelay, .cb_rtn = call, .time = &delay, .user_data = user};
+    return vpi_register_cb(&next);
+}
+
 static vpiHandle handle_of(const char *name)
 {
     vpiHandle found = vpi_handle_by_name((PLI_BYTE8 *)name, NULL);
@@ -127,7 +142,7 @@ static vpiHandle handle_of(const char *name)
         found = vpi_handle_by_name(below, NULL);
     }
     if (!found)
-        snprintf(lp.text, TEXT_BYTES, "the Verilog has no net %s", name);
+        wrong("the Verilog has no net %s", name);
     return found;
 }
 
@@ -169,8 +184,7 @@ static bool known(const struct net *net)
     if (!net->unknown && (net->kind != REAL || isfinite(net->real)))
         return true;
     vpi_get_value(net->handle, &value);
-    snprintf(lp.text, TEXT_BYTES, "%s is %.200s, not 0 or 1: the Verilog lost its state", net->name, value.value.str);
-    return false;
+    return wrong("%s is %.200s, not 0 or 1: the Verilog lost its state", net->name, value.value.str);
 }
 
 static void put(vpiHandle handle, const PLI_UINT32 *from, int words)
@@ -225,13 +239,11 @@ static PLI_INT32 on_change(p_cb_data data)
     if (lp.state != RUNNING)
         return 0;
     tick += lp.near && tick + 1 == lp.event_tick;
-    if (tick < lp.event_tick) {
-        snprintf(lp.text, TEXT_BYTES, "%s changed at %.9g s, between events: the last was settled, the next is at %.9g s",
-                 net->name, seconds(tick), lp.event);
-        return stop(WRONG);
-    }
+    if (tick < lp.event_tick)
+        return wrong("%s changed at %.9g s, between events: the last was settled, the next is at %.9g s", net->name,
+                     seconds(tick), lp.event);
     if (net->moved && net->tick != tick && !commit(net)) /* within one tick only the last value counts */
-        return stop(WRONG);
+        return 0;
     read_net(net);
     net->moved = true, net->tick = tick;
     return 0;
@@ -267,7 +279,7 @@ static void keep_trace(void)
 
 static bool solve(double to)
 {
-    if ((lp.code = lp.solve(to, lp.n_edge, lp.source, lp.time, lp.level, lp.sample)))
+    if ((lp.code = lp.solve(to, lp.n_edge, lp.source, lp.time, lp.level, lp.sample, lp.low, lp.high)))
         return stop(UNSOLVED), false;
     lp.n_edge = 0, lp.now = to;
     return true;
@@ -352,18 +364,15 @@ static bool approach(double to, bool *crossed)
         for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
             for (int i = 0; out->crossing && i < out->width; i++) {
                 int p = out->first + i;
-                double rest = left(out, i), past = -rest;
+                double rest = left(out, i), past = high(out, i) ? lp.above[p] - lp.low[p] : lp.high[p] - lp.above[p];
                 if (!lp.clear[p] && rest >= -CLEAR_V) {
                     lp.clear[p] = rest > CLEAR_V;
                     continue;
                 }
-                if (lp.solve == lockstep_advance) /* a pulse may be over before `at` */
-                    past = fmax(past, lockstep_beyond(p, lp.above[p], !high(out, i)));
                 if (past > NEAR_V) {
                     lp.overshoot = fmax(lp.overshoot, past);
-                    snprintf(lp.text, TEXT_BYTES, "%s: bit %d passed %.9g V by %.3g V at %.9g s: use a smaller step_s",
-                             out->name, i, lp.above[p], past, at);
-                    return stop(WRONG), false;
+                    return wrong("%s: bit %d passed %.9g V by %.3g V at %.9g s: use a smaller step_s", out->name, i,
+                                 lp.above[p], past, at);
                 }
                 if (rest <= LANDED_V + 1e-15 * fabs(lp.above[p])) {
                     lp.overshoot = fmax(lp.overshoot, past);
@@ -385,11 +394,8 @@ static PLI_INT32 on_crossing(p_cb_data data)
     lp.callback = NULL;
     if (lp.state != RUNNING)
         return 0;
-    tick_t wait = lp.settle + lp.near;
     lp.event_tick = ticks() + lp.near;
-    s_vpi_time delay = {.type = vpiSimTime, .high = (PLI_UINT32)(wait >> 32), .low = (PLI_UINT32)wait};
-    s_cb_data next = {.reason = cbAfterDelay, .cb_rtn = look, .time = &delay};
-    lp.callback = vpi_register_cb(&next); /* before the outputs: in Icarus what waits for them runs at once */
+    lp.callback = after(lp.settle + lp.near, look, NULL); /* before the outputs: in Icarus what waits for them runs at once */
     tell(true);
     return 0;
 }
@@ -399,10 +405,8 @@ static int proceed(void)
 {
     tick_t tick = ticks(), next = 0;
     for (int k = 0; k < lp.n_clock; k++) {
-        if (lp.clock[k].next <= tick) {
-            snprintf(lp.text, TEXT_BYTES, "at %.9g s two clock edges are closer than the nets settle", seconds(lp.clock[k].next));
-            return stop(WRONG);
-        }
+        if (lp.clock[k].next <= tick)
+            return wrong("at %.9g s two clock edges are closer than the nets settle", seconds(lp.clock[k].next));
         if (!next || lp.clock[k].next < next)
             next = lp.clock[k].next;
     }
@@ -420,10 +424,8 @@ static int proceed(void)
         if (!next || at + lp.settle + 1 < next)
             break;
         crossed = false, at = next; /* so near the clock edge that it belongs to it */
-        if (pending() <= before) {
-            snprintf(lp.text, TEXT_BYTES, "a comparator crossed twice within settle_s before the clock edge at %.9g s", to);
-            return stop(WRONG);
-        }
+        if (pending() <= before)
+            return wrong("a comparator crossed twice within settle_s before the clock edge at %.9g s", to);
         before = pending();
     }
     for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
@@ -437,12 +439,10 @@ static int proceed(void)
             lp.clock[k].next += lp.clock[k].period;
     keep();
     lp.near = next && !crossed && pending();
-    tick_t wait = at - tick + (crossed ? 0 : lp.settle);
-    if (lp.near)
-        wait = at - tick - 1;
-    s_vpi_time delay = {.type = vpiSimTime, .high = (PLI_UINT32)(wait >> 32), .low = (PLI_UINT32)wait};
-    s_cb_data later = {.reason = cbAfterDelay, .cb_rtn = crossed || lp.near ? on_crossing : look, .time = &delay};
-    lp.callback = vpi_register_cb(&later);
+    if (crossed || lp.near)
+        lp.callback = after(at - tick - lp.near, on_crossing, NULL);
+    else
+        lp.callback = after(at - tick + lp.settle, look, NULL);
     if (!crossed)
         tell(false);
     return 0;
@@ -455,10 +455,8 @@ static bool ours(const struct output *out)
     vpi_get_value(out->handle, &value);
     for (int i = 0; i < out->width; i++) {
         const s_vpi_vecval *word = &value.value.vector[i / 32];
-        if ((((PLI_UINT32)word->aval ^ out->sent[i / 32]) | (PLI_UINT32)word->bval) >> i % 32 & 1) {
-            snprintf(lp.text, TEXT_BYTES, "%s is not as the circuit set it at %.9g s: something else drives it", out->name, lp.event);
-            return false;
-        }
+        if ((((PLI_UINT32)word->aval ^ out->sent[i / 32]) | (PLI_UINT32)word->bval) >> i % 32 & 1)
+            return wrong("%s is not as the circuit set it at %.9g s: something else drives it", out->name, lp.event);
     }
     return true;
 }
@@ -471,7 +469,7 @@ static PLI_INT32 look(p_cb_data data)
         return 0;
     for (const struct output *out = lp.output; !lp.end && out < lp.output + lp.n_output; out++) /* the chip's are its inputs */
         if (!ours(out))
-            return stop(WRONG);
+            return 0;
     for (struct net *net = lp.net; net < lp.net + lp.n_net; net++) {
         if (net->kind == REAL && !net->moved) { /* Verilator 5.49 does not call back for a real net */
             read_net(net);
@@ -479,15 +477,13 @@ static PLI_INT32 look(p_cb_data data)
         }
         if (net->moved) {
             if (!commit(net))
-                return stop(WRONG);
+                return 0;
             if (net->copy)
                 put(net->copy, net->value, net->words);
         }
     }
-    if (lp.n_edge == MAX_EDGES) {
-        snprintf(lp.text, TEXT_BYTES, "more than %d edges at %.9g s", MAX_EDGES - 1, lp.event);
-        return stop(WRONG);
-    }
+    if (lp.n_edge == MAX_EDGES)
+        return wrong("more than %d edges at %.9g s", MAX_EDGES - 1, lp.event);
     lp.at += !lp.landed;
     if (lp.traced)
         keep_trace();
@@ -514,17 +510,10 @@ void loop_clear(void)
     lp.n_net = lp.n_output = lp.n_clock = lp.n_crossing = 0;
 }
 
-static int full(const char *name, int count)
-{
-    if (count >= MAX_NETS)
-        snprintf(lp.text, TEXT_BYTES, "%s: more than %d nets", name, MAX_NETS);
-    return count >= MAX_NETS;
-}
-
 int loop_net(const char *name, int kind, int source, double low, double high, const char *copy)
 {
-    if (full(name, lp.n_net))
-        return -1;
+    if (lp.n_net == MAX_NETS)
+        return wrong("%s: more than %d nets", name, MAX_NETS), -1;
     struct net *net = &lp.net[lp.n_net];
     memset(net, 0, sizeof *net);
     if (!(net->handle = handle_of(name)) || (copy && !(net->copy = handle_of(copy))))
@@ -533,7 +522,7 @@ int loop_net(const char *name, int kind, int source, double low, double high, co
     net->words = kind == REAL ? 0 : words_of(net->handle);
     net->kind = (enum kind)kind, net->source = source, net->low = low, net->high = high;
     if (net->words > MAX_WORDS)
-        return snprintf(lp.text, TEXT_BYTES, "%s has more than %d bits", name, 32 * MAX_WORDS), -1;
+        return wrong("%s has more than %d bits", name, 32 * MAX_WORDS), -1;
     lp.n_net++;
     return 0;
 }
@@ -541,8 +530,8 @@ int loop_net(const char *name, int kind, int source, double low, double high, co
 /* Bit i is high while sample first + i is above above[i]. */
 int loop_output(const char *name, int first, int width, const double *above, int crossing)
 {
-    if (full(name, lp.n_output))
-        return -1;
+    if (lp.n_output == MAX_NETS)
+        return wrong("%s: more than %d nets", name, MAX_NETS), -1;
     struct output *out = &lp.output[lp.n_output];
     memset(out, 0, sizeof *out);
     if (!(out->handle = handle_of(name)))
@@ -550,7 +539,7 @@ int loop_output(const char *name, int first, int width, const double *above, int
     snprintf(out->name, sizeof out->name, "%s", name);
     out->first = first, out->width = width, out->words = words_of(out->handle), out->crossing = crossing != 0;
     if (vpi_get(vpiSize, out->handle) != width || out->words > MAX_WORDS)
-        return snprintf(lp.text, TEXT_BYTES, "%s has %d bits, not %d", name, vpi_get(vpiSize, out->handle), width), -1;
+        return wrong("%s has %d bits, not %d", name, vpi_get(vpiSize, out->handle), width), -1;
     memcpy(lp.above + first, above, sizeof *above * (size_t)width);
     lp.n_output++, lp.n_crossing += crossing != 0;
     return 0;
@@ -560,7 +549,7 @@ int loop_output(const char *name, int first, int width, const double *above, int
 int loop_clock(long long first, long long period)
 {
     if (lp.n_clock == MAX_CLOCKS)
-        return snprintf(lp.text, TEXT_BYTES, "more than %d clocks", MAX_CLOCKS), -1;
+        return wrong("more than %d clocks", MAX_CLOCKS), -1;
     lp.clock[lp.n_clock].first = (tick_t)first, lp.clock[lp.n_clock++].period = (tick_t)period;
     return 0;
 }
@@ -603,7 +592,7 @@ int loop_arm(solve_t *half, double base, long long ticks_of_base, long long befo
                            .user_data = (PLI_BYTE8 *)net};
         read_net(net);
         if (!known(net))
-            return stop(WRONG), -1;
+            return -1;
         memcpy(net->last, net->value, sizeof net->last);
         net->last_real = net->real;
         net->moved = false;
@@ -629,9 +618,8 @@ int loop_arm(solve_t *half, double base, long long ticks_of_base, long long befo
             lp.clear[out->first + i] = left(out, i) > CLEAR_V;
         }
     if (lp.n_crossing) { /* the HDL hears of the comparators at once, as of a crossing */
-        s_cb_data first = {.reason = cbAfterDelay};
         lp.event_tick = ticks(), lp.landed = true;
-        on_crossing(&first);
+        on_crossing(NULL);
     } else
         proceed();
     return lp.state == RUNNING ? 0 : -1;
@@ -646,19 +634,10 @@ static struct driver {
     PLI_UINT32 level;
 } driver[MAX_CLOCKS];
 
-static PLI_INT32 toggle(p_cb_data data);
-
-static void wait(struct driver *d)
-{
-    s_vpi_time delay = {.type = vpiSimTime, .high = (PLI_UINT32)(d->half >> 32), .low = (PLI_UINT32)d->half};
-    s_cb_data next = {.reason = cbAfterDelay, .cb_rtn = toggle, .time = &delay, .user_data = (PLI_BYTE8 *)d};
-    d->callback = vpi_register_cb(&next);
-}
-
 static PLI_INT32 toggle(p_cb_data data)
 {
     struct driver *d = (struct driver *)data->user_data;
-    wait(d);
+    d->callback = after(d->half, toggle, d);
     d->level ^= 1;
     put(d->handle, &d->level, 1); /* last: in Icarus what waits for the edge runs at once, and may stop the clock */
     return 0;
@@ -671,10 +650,10 @@ int loop_drive(const char *name, long long half)
         if (!d->callback) {
             if (!(d->handle = handle_of(name)))
                 return -1;
-            d->half = (tick_t)half, d->level = 0;
-            return wait(d), (int)(d - driver);
+            d->half = (tick_t)half, d->level = 0, d->callback = after(d->half, toggle, d);
+            return (int)(d - driver);
         }
-    return snprintf(lp.text, TEXT_BYTES, "more than %d clocks", MAX_CLOCKS), -1;
+    return wrong("more than %d clocks", MAX_CLOCKS), -1;
 }
 
 void loop_release(int index) { forget(&driver[index].callback); }
@@ -685,7 +664,7 @@ int loop_replay(solve_t *half, double period, long clocks, const int *first, con
 {
     for (long i = 0; i < clocks; i++) {
         int failed = half((double)(i + 1) * period, first[i + 1] - first[i], source + first[i], time + first[i], level + first[i],
-                          lp.sample);
+                          lp.sample, lp.low, lp.high);
         if (failed)
             return failed;
     }

@@ -8,6 +8,7 @@ reference in Python is tb/reference/python_loop.py.
 from __future__ import annotations
 
 import ctypes
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -19,17 +20,37 @@ from dermis.errors import SimulatorError
 from dermis.lockstep import ngspice
 from dermis.lockstep.half import AnalogHalf, Edge
 
-_RUNNING, _ENDED, _WRONG = 1, 2, 3  # of `enum state` in clock_loop.c
+# Of clock_loop.c: `enum state`, `enum kind`, and MAX_EDGES, the room for the samples of a half.
+_RUNNING, _ENDED, _WRONG = 1, 2, 3
+_KINDS = "bits", "code", "real"
 MAX_SAMPLES = 4096
-"""Room for the samples of a half: MAX_EDGES of clock_loop.c."""
-_SOLVE = ctypes.CFUNCTYPE(
-    ctypes.c_int,
-    ctypes.c_double,
-    ctypes.c_int,
-    ctypes.POINTER(ctypes.c_int),
-    *[ctypes.POINTER(ctypes.c_double)] * 3,
-)
-_KINDS = "bits", "code", "real"  # of `enum kind`
+_NUMBER, _WHOLE, _LONG = ctypes.c_double, ctypes.c_int, ctypes.c_longlong
+_TEXT, _ARRAY = ctypes.c_char_p, ctypes.c_void_p
+_SOLVE = ctypes.CFUNCTYPE(_WHOLE, _NUMBER, _WHOLE, ctypes.POINTER(_WHOLE), *[ctypes.POINTER(_NUMBER)] * 5)
+
+
+@functools.cache
+def _library() -> ctypes.CDLL:
+    lib = ngspice.loaded()
+    lib.loop_net.argtypes = [_TEXT, _WHOLE, _WHOLE, _NUMBER, _NUMBER, _TEXT]
+    lib.loop_output.argtypes = [_TEXT, _WHOLE, _WHOLE, _ARRAY, _WHOLE]
+    lib.loop_clock.argtypes = [_LONG, _LONG]
+    lib.loop_drive.argtypes = [_TEXT, _LONG]
+    lib.loop_levels.argtypes = [_ARRAY]
+    lib.loop_arm.argtypes = [_ARRAY, _NUMBER, *[_LONG] * 3, ctypes.c_long, *[_NUMBER] * 3, _WHOLE, _WHOLE]
+    lib.loop_replay.argtypes = [_ARRAY, _NUMBER, ctypes.c_long, *[_ARRAY] * 4]
+    lib.loop_text.restype = _TEXT
+    lib.loop_clocks.restype = ctypes.c_long
+    lib.loop_rows.restype = ctypes.c_size_t
+    lib.loop_overshoot.restype = lib.loop_unit.restype = _NUMBER
+    lib.loop_samples.restype = ctypes.POINTER(_NUMBER)
+    lib.loop_trace.restype = ctypes.POINTER(ctypes.c_uint32)
+    return lib
+
+
+def _check(failed: int) -> None:
+    if failed:
+        raise SimulatorError(_library().loop_text().decode(errors="replace"))
 
 
 @dataclass(frozen=True)
@@ -96,64 +117,30 @@ class Timebase:
 
 
 class ClockLoop:
-    """Carries nets to an analog half, and its comparators back, event by event.
+    """Carries nets to an analog half, and its comparators back, event by event; there is one in a process.
 
-    There is one in a process.
-
-    Raises
-    ------
-    SimulatorError
-        The Verilog has no such net, or one of another width.
+    SimulatorError if the Verilog has no such net, or one of another width.
     """
 
     def __init__(self, nets: Sequence[Net], outputs: Sequence[Output]) -> None:
-        self._lib = lib = ngspice.loaded()
-        text, number, whole, long = ctypes.c_char_p, ctypes.c_double, ctypes.c_int, ctypes.c_longlong
-        lib.loop_net.argtypes = [text, whole, whole, number, number, text]
-        lib.loop_output.argtypes = [text, whole, whole, ctypes.c_void_p, whole]
-        lib.loop_clock.argtypes = [long, long]
-        lib.loop_levels.argtypes = [ctypes.c_void_p]
-        lib.loop_arm.argtypes = [ctypes.c_void_p, number, long, long, long, ctypes.c_long]
-        lib.loop_arm.argtypes += [number, number, number, whole, whole]
-        lib.loop_text.restype = text
-        lib.loop_clocks.restype = ctypes.c_long
-        lib.loop_rows.restype = ctypes.c_size_t
-        lib.loop_overshoot.restype = number
-        lib.loop_samples.restype = ctypes.POINTER(number)
-        lib.loop_trace.restype = ctypes.POINTER(ctypes.c_uint32)
+        self._lib = _library()
         self._nets, self._outputs = tuple(nets), tuple(outputs)
-        self._half: Any = None
-        self._raised: BaseException | None = None
         self._bind()
 
     def _bind(self) -> None:
         self._lib.loop_clear()
         for net in self._nets:
-            copy = None if net.copy is None else net.copy.encode()
-            kind = _KINDS.index(net.kind)
-            self._check(self._lib.loop_net(net.name.encode(), kind, net.source, net.low, net.high, copy))
+            copy, kind = net.copy and net.copy.encode(), _KINDS.index(net.kind)
+            _check(self._lib.loop_net(net.name.encode(), kind, net.source, net.low, net.high, copy))
         for out in self._outputs:
             above = np.array(out.above, dtype=float)
-            self._check(
-                self._lib.loop_output(
-                    out.name.encode(), out.first, len(above), above.ctypes.data, out.crossing
-                )
-            )
-
-    def _check(self, failed: int) -> None:
-        if failed:
-            raise SimulatorError(self._lib.loop_text().decode(errors="replace"))
+            numbers = out.first, len(above), above.ctypes.data, out.crossing
+            _check(self._lib.loop_output(out.name.encode(), *numbers))
 
     def levels(self, sources: int) -> list[float]:
-        """Return the level of each source, as the nets are now, in volt.
-
-        Raises
-        ------
-        SimulatorError
-            A net is X or Z.
-        """
+        """Return the level of each source, as the nets are now, in volt; SimulatorError for X or Z."""
         level = np.zeros(sources)
-        self._check(self._lib.loop_levels(level.ctypes.data))
+        _check(self._lib.loop_levels(level.ctypes.data))
         return level.tolist()
 
     def arm(
@@ -165,21 +152,20 @@ class ClockLoop:
         ----------
         half : its sources are as the nets are
         time : all times
-        clocks : after so many edges of clocks the loop ends by itself; the half is solved up to there
+        clocks : number of edges of clocks to the end of the loop, up to which the half is solved; 0 for no end
         samples : number of samples that are kept at each event (`samples`)
         trace : keep the nets at each edge of a clock (`trace`); needs `clocks`
 
-        Raises
-        ------
-        SimulatorError
-            As `require`.
+        Errors are those of `require`.
         """
         if not 0 <= samples <= MAX_SAMPLES:
             raise ValueError(f"samples must be 0..{MAX_SAMPLES}, not {samples}")
         self._bind()
         for first, period in time.clocks:
-            self._check(self._lib.loop_clock(first, period))
-        self._half, self._raised, self._samples = half, None, samples
+            _check(self._lib.loop_clock(first, period))
+        self._half: Any = half
+        self._raised: BaseException | None = None
+        self._samples = samples
         entry = getattr(half, "entry", None)
         if entry is None:  # it is in Python
             self._callback = _SOLVE(self._advance)
@@ -189,15 +175,16 @@ class ClockLoop:
         self._lib.loop_arm(entry, *numbers)
         self.require()
 
-    def _advance(self, to: float, count: int, source: Any, time: Any, level: Any, sample: Any) -> int:
+    def _advance(self, to: float, count: int, source: Any, time: Any, level: Any, *told: Any) -> int:
         """Advance a half that is in Python."""
         edges: list[Edge] = [(time[i], source[i], level[i]) for i in range(count)]
         try:
             values = self._half.advance(to, edges)
             if len(values) > MAX_SAMPLES:
                 raise ValueError(f"{len(values)} samples of a half; at most {MAX_SAMPLES}")
-            for i, value in enumerate(values):
-                sample[i] = value
+            for array in told:  # the samples, and their extremes
+                for i, value in enumerate(values):
+                    array[i] = value
         except BaseException as error:  # C hands it on to `require`
             self._raised = error
             return -1
@@ -211,17 +198,14 @@ class ClockLoop:
     def require(self) -> None:
         """Raise the error that ended the loop, if one did.
 
-        Raises
-        ------
-        SimulatorError
-            A net is X or Z, or changes at a time that is not exact; or whatever the half raised.
+        SimulatorError if a net is X or Z, or changes at a time that is not exact; or whatever the half raised.
         """
         state = self._lib.loop_state()
         if state in (_RUNNING, _ENDED):
             return
         if self._raised is not None:
             raise self._raised
-        self._check(state == _WRONG)
+        _check(state == _WRONG)
         self._half.fail(self._lib.loop_code())
 
     def stop(self) -> None:
@@ -229,9 +213,7 @@ class ClockLoop:
         self._lib.loop_stop()
 
     def samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the times [events] in seconds of time 0 and of all events, and the samples [events,
-        samples] there in volt.
-        """
+        """Return the times [events] in s of time 0 and of all events, and the samples [events, samples] in volt."""
         shape = self._lib.loop_rows(), self._samples + 1
         table = np.ctypeslib.as_array(self._lib.loop_samples(), shape).copy()
         return table[:, 0], table[:, 1:]
@@ -250,25 +232,15 @@ class ClockLoop:
 class DrivenClock:
     """A clock of the Verilog, driven from C: 0 now, 1 after `half` units of time, and so on.
 
-    Parameters
-    ----------
-    handle : cocotb handle of the net
-    half : half a period, in units of time of the HDL simulator
-
-    Raises
-    ------
-    SimulatorError
-        There are too many.
+    `handle` is cocotb's of the net, `half` half a period in units of time of the HDL simulator. Raises
+    SimulatorError if there are too many.
     """
 
     def __init__(self, handle: Any, half: int) -> None:
-        self._lib = lib = ngspice.loaded()
-        lib.loop_drive.argtypes = [ctypes.c_char_p, ctypes.c_longlong]
-        lib.loop_text.restype = ctypes.c_char_p
         handle.value = 0
-        self._index = lib.loop_drive(handle._path.encode(), half)
-        if self._index < 0:
-            raise SimulatorError(lib.loop_text().decode(errors="replace"))
+        self._lib = _library()
+        self._index = self._lib.loop_drive(handle._path.encode(), half)
+        _check(self._index < 0)
 
     def stop(self) -> None:
         """Leave the net as it is."""
@@ -277,26 +249,16 @@ class DrivenClock:
 
 def unit_s() -> float:
     """Return the unit of time of the HDL simulator, in seconds."""
-    lib = ngspice.loaded()
-    lib.loop_unit.restype = ctypes.c_double
-    return lib.loop_unit()
+    return _library().loop_unit()
 
 
 def replay(half: ngspice.NgspiceHalf, period_s: float, edges: Sequence[Sequence[Edge]]) -> None:
-    """Solve clock after clock with known edges, those of clock i in `edges[i]`, in C and without an
-    HDL simulator.
-
-    Raises
-    ------
-    SimulatorError
-        As NgspiceHalf.
-    """
-    lib = ngspice.loaded()
+    """Solve clock after clock with known edges, those of clock i in `edges[i]`, in C without an HDL simulator."""
     for clock in edges:
         half.check(clock)
     first = np.cumsum([0, *map(len, edges)], dtype=np.int32)
     flat = np.array([edge for clock in edges for edge in clock], dtype=float).reshape(-1, 3).T
     arrays = first, flat[1].astype(np.int32), flat[0].copy(), flat[2].copy()
-    lib.loop_replay.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_long, *[ctypes.c_void_p] * 4]
+    lib = _library()
     if code := lib.loop_replay(half.entry, period_s, len(edges), *(a.ctypes.data for a in arrays)):
         half.fail(code)

@@ -21,10 +21,8 @@ from dermis.lockstep.clock_loop import ClockLoop, DrivenClock, Net, Output, Time
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
 RESET_CLOCKS = 3
-IDLE_STEPS = 100
-"""Without a clock, the HDL is met after so many of the largest steps without a crossing."""
-END_S = 1e3
-"""End of the transient: no run is as long."""
+IDLE_STEPS = 100  # without a clock, the HDL is met after so many of the largest steps without a crossing
+END_S = 1e3  # end of the transient: no run is as long
 
 
 @dataclass(frozen=True)
@@ -95,10 +93,7 @@ class Cosim:
     samples : by node, voltage at these times, [events]
     overshoot_v : largest distance by which a crossing was passed
 
-    Raises
-    ------
-    InputError
-        A value or a combination that is not possible.
+    InputError for a value or a combination that is not possible.
     """
 
     def __init__(
@@ -161,14 +156,9 @@ class Cosim:
     async def running(self, dut: Any) -> AsyncIterator[Cosim]:
         """Reset the Verilog, start the circuit, and run both for as long as the block takes.
 
-        A fault ends the test at once, at the latest at the end of the block.
-
-        Raises
-        ------
-        InputError
-            A net that the Verilog does not have, or of a width that does not fit.
-        SimulatorError
-            ngspice failed, a net is X or Z, or it changed at a time that is not exact; the message names it.
+        A fault ends the test at once, at the latest at the end of the block. InputError for a net that the Verilog does
+        not have, or of a width that does not fit; SimulatorError if ngspice failed, a net is X or Z, or it changed at a
+        time that is not exact; the message names it.
         """
         import cocotb
         from cocotb.triggers import Timer
@@ -236,8 +226,7 @@ class Cosim:
         for _ in range(longest):
             since = cocotb.utils.get_sim_time("step") - began
             # from the last edge of each clock to now
-            half_periods = (units // 2 for units in periods.values())
-            passed = [(since + half) % gap for half, gap in zip(half_periods, between, strict=True)]
+            passed = [(since + n // 2) % gap for n, gap in zip(periods.values(), between, strict=True)]
             if all(settle <= past < gap - ahead for past, gap in zip(passed, between, strict=True)):
                 break
             await Timer(1, unit="step")
@@ -246,18 +235,12 @@ class Cosim:
         if len(periods) == 1:
             ((net, base),) = periods.items()
             base_s = self._clocks[net]
-        time = Timebase(
-            0,
-            base_s,
-            base,
-            settle,
-            tuple(zip(first, between, strict=True)),
-            self._step_s,
-            0.125 * min((drive.edge_s for drive in self._inputs.values()), default=self._step_s),
-            IDLE_STEPS * self._step_s,
-        )
+        clocks = tuple(zip(first, between, strict=True))
+        first_step_s = 0.125 * min((d.edge_s for d in self._inputs.values()), default=self._step_s)
+        steps_s = self._step_s, first_step_s, IDLE_STEPS * self._step_s
+        time = Timebase(0, base_s, base, settle, clocks, *steps_s)
         half = self._circuit(loop.levels(len(sources)), sources)
-        at_end.callback(half.abandon)
+        at_end.callback(half.close)
         at_end.callback(loop.stop)
         return loop, half, time
 
@@ -283,17 +266,14 @@ class Cosim:
             if kind == "bits" and len(own) != width:
                 raise self._wrong(name, own, f"one source, or {width}")
             nets.append(Net(handle._path, len(sources), drive.low, drive.high, kind))
-            taken = [source.lower() for source, _ in sources]
             for source in own:
-                if source.lower() in taken:
+                if source.lower() in (taken.lower() for taken, _ in sources):
                     raise self._wrong(name, source, "a source that no other bit drives")
-                taken.append(source.lower())
-            sources += [(source, drive) for source in own]
+                sources.append((source, drive))
         return nets, sources
 
     def _output_nets(self, handles: Mapping[str, Any]) -> list[Output]:
-        nets: list[Output] = []
-        first = 0
+        nets, first = [], 0
         for name, bits in self._outputs.items():
             crossing = bits[0].crossing or not self._clocks
             if isinstance(handles[name].value, float):
@@ -304,15 +284,9 @@ class Cosim:
 
     def _circuit(self, levels: Sequence[float], sources: Sequence[tuple[str, Drive]]) -> NgspiceHalf:
         edges_s = tuple(drive.edge_s for _, drive in sources)
-        deck = Deck(
-            tuple(self._lines),
-            tuple(source for source, _ in sources),
-            tuple(levels),
-            tuple(drive.abrupt for _, drive in sources),
-            tuple(self._nodes),
-            edges_s=edges_s,
-            breaks=netlist_faults.breaks(self._lines),
-        )
+        names, abrupt = tuple(name for name, _ in sources), tuple(drive.abrupt for _, drive in sources)
+        circuit = tuple(self._lines), names, tuple(levels), abrupt, tuple(self._nodes)
+        deck = Deck(*circuit, edges_s=edges_s, breaks=netlist_faults.breaks(self._lines))
         shortest = min(edges_s, default=self._step_s)
         return NgspiceHalf(deck, t_edge_s=shortest, t_max_step_s=self._step_s, t_stop_s=END_S, log=self._log)
 
@@ -324,6 +298,5 @@ def _with_paths(text: str, folder: Path) -> str:
         file = folder / found[2].strip("\"'")
         return f'{found[1]}"{file}"' if file.is_file() else found[0]
 
-    return re.sub(
-        r"^([ \t]*\.(?:inc\w*|lib)[ \t]+)(\"[^\"\n]+\"|'[^'\n]+'|\S+)", whole, text, flags=re.I | re.M
-    )
+    line = r"^([ \t]*\.(?:inc\w*|lib)[ \t]+)(\"[^\"\n]+\"|'[^'\n]+'|\S+)"
+    return re.sub(line, whole, text, flags=re.I | re.M)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Retries after ngspice gives up a circuit: an ordered ladder, each attempt reported, and advice
-after the last.
+"""Retries after ngspice gives up a circuit: an ordered ladder, each attempt reported, then advice.
 
 There are two ladders. If no operating point is found, the next method to *start* is tried; if a
 transient stops, the next method to *step*. ngspice switches nothing on by itself: its gmin stepping,
@@ -14,6 +13,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -23,14 +23,12 @@ T = TypeVar("T")
 Phase = Literal["start", "steps"]
 
 C_NODE_F = 1e-16
-"""Rung `capacitance`: 0.1 fF from every node to ground. A node that swings a volt moves 1e-16 C,
-2e-5 of the packet of 5 pC, and gives it back when it returns; the smallest packet for which that is
-1e-3 of a count is 0.1 pC."""
+"""Rung `capacitance`: 0.1 fF from every node to ground. A node that swings a volt moves 1e-16 C, 2e-5 of the packet of
+5 pC, and gives it back when it returns; the smallest packet for which that is 1e-3 of a count is 0.1 pC."""
 
 T_RAMP_S = 1e-5
-"""Rung `ramp`: the supplies rise in this time and rest for nine times as long, in steps of a
-hundredth of it. Its length decides how good a guess is, not how good a result is: Newton's method
-confirms it."""
+"""Rung `ramp`: the supplies rise in this time and rest for nine times as long, in steps of a hundredth of it. Its
+length decides how good a guess is, not how good a result is: Newton's method confirms it."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +37,10 @@ class Rung:
 
     Attributes
     ----------
-    name : its name in reports.
-    options : text of an `.options` line after the deck's own, whose values it replaces; empty for none.
-    optran : ngspice's command that says what it may do besides Newton's method for an operating point.
-    guess : Newton's method must confirm its operating point, as a nodeset.
+    name : its name in reports
+    options : text of an `.options` line after the deck's own, whose values it replaces; empty for none
+    optran : ngspice's command for what it may do besides Newton's method for an operating point
+    guess : Newton's method must confirm its operating point, as a nodeset
     """
 
     name: str
@@ -120,14 +118,7 @@ class Abort(SimulatorError):
 
 @dataclass(frozen=True)
 class Retry:
-    """One failed attempt, as in results and summaries.
-
-    Attributes
-    ----------
-    rung : its rung
-    next : rung of the next attempt; None after the last
-    said, time_s, node : as in Abort
-    """
+    """One failed attempt, as in results and summaries: its rung and the next one, None after the last."""
 
     rung: str
     next: str | None
@@ -140,34 +131,19 @@ class Retry:
         return f"at {self.time_s:.9g} s: {self.said}{then}"
 
 
-def _to_stderr(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
-
-
 class Climb:
-    """The rungs that one circuit has climbed.
+    """The rungs that one circuit, `what` in reports ("frame 3"), has climbed from `level` on.
 
-    Parameters
-    ----------
-    what : name of the circuit in reports ("frame 3")
-    level : first rung
-    report : given one line for every retry
+    `report` is given one line for every retry; by default it goes to standard error.
     """
 
-    def __init__(self, what: str, level: Level = PLAIN, report: Callable[[str], None] = _to_stderr) -> None:
-        self.what = what
-        self.level = level
+    def __init__(self, what: str, level: Level = PLAIN, report: Callable[[str], None] | None = None) -> None:
+        self.what, self.level = what, level
         self.retries: list[Retry] = []
-        self._report = report
+        self._report = report or partial(print, file=sys.stderr, flush=True)
 
     def up(self, abort: Abort) -> Level:
-        """Take the next rung after an abort and report it.
-
-        Raises
-        ------
-        SimulatorError
-            There is none: time, node, tried rungs and advice.
-        """
+        """Take the next rung after an abort and report it; SimulatorError with advice if there is none."""
         above = self.level.above(abort.phase)
         name = above.name if above else None
         self.add([Retry(self.level.name, name, abort.said, abort.time_s, abort.node)])
@@ -185,17 +161,9 @@ class Climb:
 
 
 def climb(attempt: Callable[[Level], T], rungs: Climb) -> T:
-    """Attempt a circuit, one rung higher after each abort.
+    """Return `attempt(level)` of a circuit, from the beginning one rung higher after each Abort.
 
-    Parameters
-    ----------
-    attempt : simulates from the beginning at a level, and raises Abort
-    rungs : begins at its level; keeps and reports failed attempts
-
-    Raises
-    ------
-    SimulatorError
-        No rung is left.
+    SimulatorError if no rung is left; `rungs` keeps and reports failed attempts.
     """
     while True:
         try:
@@ -203,8 +171,6 @@ def climb(attempt: Callable[[Level], T], rungs: Climb) -> T:
         except Abort as abort:
             rungs.up(abort)
 
-
-# ---- messages of ngspice -------------------------------------------------------------------------------------
 
 _NODES_SAID = (
     r"trouble with node \"([^\"]+)\"",
@@ -218,8 +184,7 @@ _NODES_SAID = (
 def node_of(text: str) -> str | None:
     """Return the node or device in a message of ngspice, or None."""
     for pattern in _NODES_SAID:
-        found = [n for n in re.findall(pattern, text) if n != "cause"]
-        if found:
+        if found := [n for n in re.findall(pattern, text) if n != "cause"]:
             return found[-1] if pattern is _NODES_SAID[0] else found[0]
     return None
 

@@ -22,7 +22,6 @@
 #include <ngspice/sharedspice.h>
 
 #define STACK_BYTES (64u << 20) /* ngspice's parser recurses deeply on large decks; pages are only touched when used */
-#define NAME_SLOTS 4096         /* power of two, more than twice the sources a deck may have */
 #define MAX_SOURCES 1024 /* a 256 x 256 array has 513 */
 #define MAX_CORNERS (2 * MAX_SOURCES + 8)
 #define TEXT_BYTES 4096
@@ -32,21 +31,22 @@ enum state { CLOSED, READY, RUNNING, ENDED, ABORTED, FAILED };
 
 struct source {
     char name[64];
+    const char *key;    /* the name in ngspice */
+    int next;           /* the source that it asked for after this one */
     double from, to, t; /* level before and after the edge that starts at t */
     double t_edge;      /* how long its edges last */
     bool asked;         /* ngspice has it as an external source */
     bool abrupt;        /* its edge switches a conductance: integration restarts with backward Euler behind it */
 };
 
-static struct {
+static struct lockstep {
     enum state state;
     ucontext_t caller, runner;
     void *stack;
     char command[256];
 
     struct source source[MAX_SOURCES];
-    int n_source;
-    struct { const char *key; int index; } slot[NAME_SLOTS];
+    int n_source, last; /* that ngspice asked for */
 
     char probe_name[MAX_SOURCES][64];
     int probe_vector[MAX_SOURCES], n_probe;
@@ -96,20 +96,14 @@ static int on_char(char *text, int id, void *user)
     const char *said = strncmp(text, "stderr ", 7) ? text : text + 7;
     if (ls.loading && said != text && !strncmp(said, "Error", 5))
         ls.refused = true; /* and what follows says why */
-    if ((ls.loading && ls.refused && said != text) || strcasestr(said, "error") || strcasestr(said, "trouble") || strcasestr(said, "too small") ||
-        strcasestr(said, "singular") || strcasestr(said, "aborted") || strcasestr(said, "no convergence") ||
-        strcasestr(said, "iteration limit") || strcasestr(said, "undefined")) {
-        if (strstr(ls.trouble, said))
-            return 0;
-        size_t used = strlen(ls.trouble);
+    static const char *const words[] = {"error", "trouble", "too small", "singular", "aborted", "no convergence",
+                                        "iteration limit", "undefined"};
+    bool trouble = ls.loading && ls.refused && said != text;
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        trouble = trouble || strcasestr(said, words[i]);
+    size_t used = strlen(ls.trouble);
+    if (trouble && !strstr(ls.trouble, said))
         snprintf(ls.trouble + used, TEXT_BYTES - used, "%s%s", used ? "; " : "", said);
-    }
-    return 0;
-}
-
-static int on_stat(char *text, int id, void *user)
-{
-    (void)text, (void)id, (void)user;
     return 0;
 }
 
@@ -127,23 +121,18 @@ static int on_exit_wish(int status, NG_BOOL immediate, NG_BOOL quit, int id, voi
 
 /* ---- sources ---------------------------------------------------------------------------------------------- */
 
+/* ngspice asks for all sources in the same order again and again, by the addresses of its own names. */
 static int source_index(const char *name)
 {
-    size_t h = ((size_t)name >> 4) & (NAME_SLOTS - 1);
-    for (;; h = (h + 1) & (NAME_SLOTS - 1)) {
-        if (ls.slot[h].key == name)
-            return ls.slot[h].index;
-        if (ls.slot[h].key == NULL)
-            break;
+    int i = ls.source[ls.last].next;
+    if (ls.source[i].key != name) {
+        for (i = 0; i < ls.n_source && strcasecmp(ls.source[i].name, name); i++)
+            ;
+        if (i == ls.n_source)
+            return -1;
+        ls.source[ls.last].next = i, ls.source[i].key = name;
     }
-    /* ngspice hands over the instance's own name, so its address is a key that stays */
-    for (int i = 0; i < ls.n_source; i++)
-        if (!strcasecmp(ls.source[i].name, name)) {
-            ls.slot[h].key = name;
-            ls.slot[h].index = i;
-            return i;
-        }
-    return -1;
+    return ls.last = i;
 }
 
 static double level(const struct source *s, double t)
@@ -262,10 +251,7 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         landed = true;
         ls.met = false;
     }
-    double next = ls.t_target;
-    if (ls.n_corner && ls.corner[0] < next)
-        next = ls.corner[0];
-    double left = next - t;
+    double left = (ls.n_corner ? fmin(ls.corner[0], ls.t_target) : ls.t_target) - t;
     ls.first_of_kind = landed;
     if (landed && ls.kind != AFTER_SAMPLE)
         ls.t_corner = t;
@@ -311,11 +297,11 @@ static int on_data(pvecvaluesall all, int count, int id, void *user)
     if (ls.state != RUNNING || ls.poisoned)
         return 0;
     ls.started = ls.sampled = true;
-    for (int p = 0; p < ls.n_probe; p++)
+    for (int p = 0; p < ls.n_probe; p++) {
         if (ls.probe_vector[p] >= 0)
             ls.probe[p] = all->vecsa[ls.probe_vector[p]]->creal;
-    for (int p = 0; p < ls.n_probe; p++)
         ls.low[p] = fmin(ls.low[p], ls.probe[p]), ls.high[p] = fmax(ls.high[p], ls.probe[p]);
+    }
     for (int v = 0; v < all->veccount; v++)
         if (all->vecsa[v]->is_scale)
             ls.t_data = all->vecsa[v]->creal;
@@ -350,8 +336,6 @@ static void run(void)
 const char *lockstep_error(void) { return ls.error; }
 double lockstep_time(void) { return ls.t_now; }
 int lockstep_started(void) { return ls.started; }
-/* How far a probe was above a threshold, or below it, at any time point since the last advance began; negative if it was not. */
-double lockstep_beyond(int p, double above, int upwards) { return upwards ? ls.high[p] - above : above - ls.low[p]; }
 long lockstep_accepted(void) { return ls.accepted; }
 long lockstep_rejected(void) { return ls.rejected; }
 long lockstep_loads(void) { return ls.n_source ? ls.loads / ls.n_source : 0; }
@@ -383,13 +367,14 @@ static int give_up(const char *what)
 }
 
 /* What `lockstep_open` takes; ngspice.py has the same fields. `start`: a command to ngspice behind the deck, which says how it
-   looks for the operating point. t_edges: how long edges of each source last. */
+   looks for the operating point. t_edges: how long edges of each source last. late: of each probe; delay: the different times
+   of these above 0, longest first. */
 struct circuit {
     const char *log_path, *start, **deck, **source_names, **probe_names;
-    const double *levels, *t_edges;
+    const double *levels, *t_edges, *late, *delay;
     const int *abrupt;
     double t_edge, t_max_step, t_stop, growth;
-    int n_lines, n_source, n_probe, recording, use_ic, own_steps;
+    int n_lines, n_source, n_probe, n_delay, recording, use_ic, own_steps;
 };
 
 int lockstep_open(const struct circuit *of)
@@ -410,50 +395,31 @@ int lockstep_open(const struct circuit *of)
     ls.log = fopen(of->log_path, "a");
     if (!ls.log)
         return fail("cannot write the log");
-    ls.error[0] = ls.trouble[0] = 0;
-    ls.n_source = n_source;
-    memset(ls.slot, 0, sizeof ls.slot);
+    free(ls.record);
+    /* a null pointer is all zeros, and so are CLOSED, AFTER_SAMPLE and false */
+    void *stack = ls.stack;
+    FILE *log = ls.log;
+    memset(&ls, 0, sizeof ls);
+    ls.stack = stack, ls.log = log;
+    ls.n_source = n_source, ls.n_probe = n_probe, ls.n_delay = of->n_delay;
+    ls.t_edge = of->t_edge, ls.t_max_step = of->t_max_step, ls.t_stop = of->t_stop, ls.growth = of->growth;
+    ls.started = of->use_ic, ls.own_steps = of->own_steps, ls.recording = of->recording;
     for (int i = 0; i < n_source; i++) {
-        snprintf(ls.source[i].name, sizeof ls.source[i].name, "%s", of->source_names[i]);
-        ls.source[i].from = ls.source[i].to = of->levels[i];
-        ls.source[i].t = -HUGE_VAL;
-        ls.source[i].asked = false;
-        ls.source[i].abrupt = of->abrupt[i] != 0;
-        ls.source[i].t_edge = of->t_edges[i];
+        struct source *s = &ls.source[i];
+        *s = (struct source){.from = of->levels[i], .to = of->levels[i], .t = -HUGE_VAL, .t_edge = of->t_edges[i],
+                             .abrupt = of->abrupt[i]};
+        snprintf(s->name, sizeof s->name, "%s", of->source_names[i]);
     }
-    ls.n_probe = n_probe;
     for (int i = 0; i < n_probe; i++) {
         snprintf(ls.probe_name[i], sizeof ls.probe_name[i], "%s", of->probe_names[i]);
-        ls.probe_vector[i] = -1;
+        ls.probe_vector[i] = -1, ls.probe[i] = NAN, ls.late[i] = of->late[i];
     }
-    for (int i = 0; i < n_probe; i++)
-        ls.probe[i] = NAN;
-    ls.n_corner = 0;
-    ls.t_now = ls.t_data = ls.t_asked = 0.0;
-    ls.n_delay = 0;
-    memset(ls.late, 0, sizeof ls.late);
-    ls.t_target = 0.0;
-    ls.started = of->use_ic != 0;
-    ls.sampled = ls.poisoned = false;
-    ls.own_steps = of->own_steps != 0;
-    ls.t_max_step = of->t_max_step;
-    ls.t_edge = of->t_edge;
-    ls.t_corner = 0.0;
-    ls.growth = of->growth;
-    ls.t_stop = of->t_stop;
+    memcpy(ls.delay, of->delay, sizeof *ls.delay * (size_t)of->n_delay);
     for (int k = 0; k < 3; k++)
         ls.remembered[k] = of->t_max_step;
-    ls.kind = AFTER_SAMPLE;
-    ls.first_of_kind = ls.met = ls.ramp_begins = false;
-    ls.recording = of->recording != 0;
-    ls.record_rows = 0;
-    free(ls.record);
-    ls.record = NULL;
-    ls.record_room = 0;
-    ls.accepted = ls.rejected = ls.loads = 0;
 
     if (!initialised) {
-        if (ngSpice_Init(on_char, on_stat, on_exit_wish, on_data, on_init_data, NULL, NULL))
+        if (ngSpice_Init(on_char, NULL, on_exit_wish, on_data, on_init_data, NULL, NULL))
             return fail("ngspice does not start");
         ngSpice_Init_Sync(on_source, NULL, on_sync, &ident, NULL);
         /* Debian's library evaluates transistors in two threads of OpenMP, which wait for each other by spinning: with more
@@ -470,7 +436,6 @@ int lockstep_open(const struct circuit *of)
     for (int i = 0; i < of->n_lines; i++)
         lines[i] = strdup(of->deck[i]);
     ls.loading = true;
-    ls.refused = false;
     int rc = ngSpice_Circ(lines);
     ls.loading = false;
     for (int i = 0; i < of->n_lines; i++)
@@ -576,35 +541,19 @@ static int solve(double after, double to, bool early, int n_edge, const int *edg
     for (int i = 0; i < ls.n_source; i++)
         if (!ls.source[i].asked)
             return wrong_name(ls.source[i].name);
-    for (int p = 0; p < ls.n_probe; p++) {
+    for (int p = 0; p < ls.n_probe; p++)
         if (ls.sampled && !isfinite(ls.probe[p])) {
             snprintf(ls.trouble, TEXT_BYTES, "node \"%.63s\" is %g", ls.probe_name[p], ls.probe[p]);
             return give_up("a sample is no number");
         }
-    }
     return 0;
 }
 
-/* Probe i is from now on sampled late[i] seconds earlier, on a time point. */
-void lockstep_late(const double *late)
-{
-    ls.n_delay = 0;
-    for (int p = 0; p < ls.n_probe; p++) {
-        int i = 0;
-        ls.late[p] = late[p] > tiny() ? late[p] : 0.0;
-        while (i < ls.n_delay && ls.delay[i] > ls.late[p])
-            i++;
-        if (ls.late[p] == 0.0 || (i < ls.n_delay && ls.delay[i] == ls.late[p]))
-            continue;
-        memmove(ls.delay + i + 1, ls.delay + i, (size_t)(ls.n_delay++ - i) * sizeof *ls.delay);
-        ls.delay[i] = ls.late[p];
-    }
-}
-
 /* Solve up to time `to`; edge i moves source edge_source[i] to edge_level[i], beginning at edge_time[i] in [now, to].
-   samples receives the probes at `to`; late ones as they were that much earlier, at 0 for a time before. */
+   samples receives the probes at `to`, late ones as they were that much earlier, at 0 for a time before; low and high
+   their extremes over all time points since the last call. */
 int lockstep_advance(double to, int n_edge, const int *edge_source, const double *edge_time, const double *edge_level,
-                     double *samples)
+                     double *samples, double *low, double *high)
 {
     double after = -HUGE_VAL;
     for (int p = 0; p < ls.n_probe; p++)
@@ -625,24 +574,18 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
             if (ls.late[p] == late || (late == 0.0 && to < ls.late[p]))
                 samples[p] = ls.probe[p];
     }
+    memcpy(low, ls.low, sizeof *low * (size_t)ls.n_probe);
+    memcpy(high, ls.high, sizeof *high * (size_t)ls.n_probe);
     return 0;
 }
 
-/* Let a transient that has come to its end return; one given up before leaves ngspice in no state to take another. */
+/* Let a transient return, at its end or given up before, so that the process can have another circuit. */
 void lockstep_close(void)
 {
-    if (ls.state == RUNNING && ls.t_now >= ls.t_stop - 1e-10 * ls.t_max_step) {
+    if (ls.state == RUNNING && ls.t_now < ls.t_stop - 1e-10 * ls.t_max_step)
+        give_up("the transient was ended");
+    else if (ls.state == RUNNING) {
         ls.t_target = HUGE_VAL;
         swapcontext(&ls.caller, &ls.runner);
-    } else if (ls.state == RUNNING)
-        fail("the transient was given up");
-}
-
-/* Give a transient up before its end, so that the process can have another circuit. */
-void lockstep_abandon(void)
-{
-    if (ls.state == RUNNING)
-        give_up("the transient was ended");
-    else if (ls.state == READY || ls.state == ENDED)
-        ls.state = ABORTED;
+    }
 }

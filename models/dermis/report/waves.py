@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import io
-import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,10 +22,9 @@ from dermis.records import Plan
 def integrator_waves(record: dict[str, Any], cols: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return times [points] in seconds over all frames, and voltages [cols, points]."""
     times, volts = [], []
-    for frame in itertools.takewhile(lambda n: f"wave{n}_time_s" in record, itertools.count()):
-        times.append(record[f"wave{frame}_time_s"] + float(record[f"wave{frame}_begin_s"]))
-        nodes = ([f"wave{frame}_{node}" for node in integrator_nodes(c)] for c in range(cols))
-        volts.append([next(record[name] for name in names if name in record) for names in nodes])
+    for begin_s, time_s, voltages in record["waves"]:
+        times.append(time_s + begin_s)
+        volts.append([next(voltages[n] for n in integrator_nodes(c) if n in voltages) for c in range(cols)])
     if not times:
         return np.zeros(0), np.zeros((cols, 0))
     return np.concatenate(times), np.concatenate([np.array(v) for v in volts], axis=1)
@@ -34,7 +32,7 @@ def integrator_waves(record: dict[str, Any], cols: int) -> tuple[NDArray[np.floa
 
 def trace(record: dict[str, Any], name: str) -> list[int]:
     """Return a digital net of a record, one value for each clock (see dermis.chip.bridge.Trace)."""
-    return [int(word, 16) for word in record[f"trace_{name}"]]
+    return record["trace"][name]
 
 
 def _changes(values: list[int], t_clk_ps: float, delay_clocks: float) -> Iterator[tuple[int, int]]:
@@ -54,7 +52,7 @@ def write(out: Path, made: Plan, result: Result) -> Path:
     time_s, v_int = integrator_waves(record, made.cols)
     events: list[tuple[int, str, Any]] = []
     for net in nets:
-        delay = float(record["trace_charge_delay_clocks"]) if net == "charge" else 0.0
+        delay = record["charge_delay_clocks"] if net == "charge" else 0.0
         events += [(time, net, value) for time, value in _changes(trace(record, net), t_clk_ps, delay)]
     for column, volts in enumerate(v_int):
         events += [(round(t * 1e12), f"v_int{column}", float(v)) for t, v in zip(time_s, volts, strict=True)]

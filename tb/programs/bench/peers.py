@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The converter of the benchmark in other mixed-signal simulators, and the array solve in
-badcrossbar; none of their code is in this tree.
+"""The converter of the benchmark in other mixed-signal simulators, and the array solve in badcrossbar.
 
-Each simulator gets the same circuit, flip-flops and solver options, and is compared with the same
-exact solution for the charge pulses of its own digital side. XSPICE comes with ngspice; the others
-are measured if they are installed.
+None of their code is in this tree. Each simulator gets the same circuit, flip-flops and solver options,
+and is compared with the same exact solution for the charge pulses of its own digital side. XSPICE comes
+with ngspice; the others are measured if they are installed.
 """
 
 from __future__ import annotations
@@ -15,8 +14,9 @@ import logging
 import re
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -69,12 +69,15 @@ def _short(circuit: Circuit, clocks: int) -> Circuit:
     return dataclasses.replace(circuit, settle_clocks=0, gate_clocks=clocks)
 
 
+def _write(where: Path, name: str, lines: Sequence[str]) -> None:
+    where.mkdir(parents=True, exist_ok=True)
+    (where / name).write_text("\n".join(lines) + "\n")
+
+
 def _judged(
     circuit: Circuit, seconds: float, time_s: Floats, voltage: Floats, told: NDArray[Any], late_s: float = 0.0
 ) -> PeerRun:
-    """Compare a waveform, and the switch states at clocks 0, 1, ..., with the exact solution and
-    the exact count.
-    """
+    """Compare a waveform, and the switch states at clocks 0, 1, ..., with the exact solution and count."""
     clocks = circuit.gate_clocks
     end_s = time_s[-1] if time_s.size else 0.0
     if told.size < clocks or end_s < clocks / circuit.f_clk_hz or not set(np.unique(told)) <= {0, 1}:
@@ -93,14 +96,14 @@ def _judged(
 def xspice(
     circuit: Circuit, step_s: float, clocks: int, where: Path, limit_s: float, options: str = OPTIONS
 ) -> PeerRun:
-    """Run plain ngspice: bridges, two d_dff and a gate as event-driven code models, clock from a
-    d_source file; the time is that of the transient.
+    """Run plain ngspice: bridges, two d_dff and a gate as event-driven code models, clock from a d_source file.
+
+    The time is that of the transient.
     """
-    where.mkdir(parents=True)
     circuit = _short(circuit, clocks)
     t_clk = 1.0 / circuit.f_clk_hz
-    ticks = [f"{n * t_clk:.12e} 1s\n{(n + 0.5) * t_clk:.12e} 0s\n" for n in range(1, clocks + 2)]
-    (where / "clock.txt").write_text("0.0 0s\n" + "".join(ticks))
+    edges = [(0.5 * n * t_clk, 1 - n % 2) for n in range(2, 2 * clocks + 4)]
+    _write(where, "clock.txt", ["0.0 0s", *(f"{time:.12e} {level}s" for time, level in edges)])
     delays = f"rise_delay={T_GATE_S} fall_delay={T_GATE_S}"
     lines = [
         "one converter with event-driven code models",
@@ -130,7 +133,7 @@ def xspice(
         ".endc",
         ".end",
     ]
-    (where / "deck.cir").write_text("\n".join(lines) + "\n")
+    _write(where, "deck.cir", lines)
     log = where / "console.log"
     children.run_logged(["ngspice", "-b", "deck.cir"], where, log, limit_s, "ngspice")
     try:
@@ -201,9 +204,7 @@ def _compiled(circuit: Circuit, where: Path, *options: str) -> Path:
 
 
 def _pulses(where: Path) -> NDArray[Any]:
-    """Return the switch states from clock 0 on: each that the test bench wrote is that at the next
-    clock.
-    """
+    """Return the switch states from clock 0 on; the test bench writes each at the next clock."""
     return np.array([int(line) for line in (where / "told.txt").read_text().split()])
 
 
@@ -234,7 +235,7 @@ def spicebind(
         f".tran {circuit.t_edge_s} {(clocks + 2) / circuit.f_clk_hz:.12e} 0 {step_s} uic",
         ".end",
     ]
-    (where / "deck.cir").write_text("\n".join(lines) + "\n")
+    _write(where, "deck.cir", lines)
     environment = {"SPICE_NETLIST": "deck.cir", "HDL_INSTANCE": "bench_peer.u_analog"}
     environment |= {"VCC": "1.0", "SPICE_DUMP_RAW": "1"}
     command = ["vvp", "-M", str(Path(package.__file__).parent), "-m", "spicebind_vpi", str(program)]
@@ -258,7 +259,7 @@ def cocotbext_ams(
         "bcomp comp 0 v = v(comp0) > 0 ? 1 : 0",
         ".ends",
     ]
-    (where / "analog.sp").write_text("\n".join(inner) + "\n")
+    _write(where, "analog.sp", inner)
     outer = [
         *(line for line in circuits.blocks(circuit) if line.startswith(".include")),
         ".save v(x1.xvfc.v_int)",
@@ -281,19 +282,11 @@ async def _ams_run(dut: Any, job: tuple[float, float, list[str]], where: Path) -
     _bridge.generate_netlist = lambda **told: [
         re.sub(r" dc \S+ external", " external", line) for line in write(**told)
     ]
+    pins = {"d_charge": ams.DigitalPin("input", vdd=1.0), "comp": ams.DigitalPin("output", vdd=1.0)}
     block = ams.AnalogBlock(
-        name="bench_analog",
-        spice_file=where / "analog.sp",
-        subcircuit="bench_analog",
-        digital_pins={
-            "d_charge": ams.DigitalPin("input", vdd=1.0),
-            "comp": ams.DigitalPin("output", vdd=1.0),
-        },
-        vdd=1.65,
-        vss=-1.65,
-        tran_step=f"{step_s * 1e9:g}n",
-        extra_lines=lines,
-    )
+        name="bench_analog", spice_file=where / "analog.sp", subcircuit="bench_analog", digital_pins=pins,
+        vdd=1.65, vss=-1.65, tran_step=f"{step_s * 1e9:g}n", extra_lines=lines,
+    )  # fmt: skip
     chip = ams.MixedSignalBridge(dut, [block], max_sync_interval_ns=step_s * 1e9)
     make = chip._create_simulator
 
@@ -326,9 +319,7 @@ PEERS = {"xspice": xspice, **GUESTS}
 
 
 def badcrossbar(network: Network, limit_s: float, repeat: int) -> tuple[float, Floats]:
-    """Return processor seconds of badcrossbar for all rows of a frame, and its column currents
-    [rows, cols], in its fastest form: all rows at once, output currents only.
-    """
+    """Return processor seconds of badcrossbar for all rows of a frame at once, and column currents [rows, cols]."""
     return circuits.in_process(_badcrossbar, network, repeat, limit_s=limit_s)
 
 
@@ -338,9 +329,7 @@ def _badcrossbar(network: Network, repeat: int) -> tuple[float, Floats]:
     logging.disable(logging.CRITICAL)
     applied = network.v_bias_v * np.eye(len(network.g_taxel_s))
     words = {"r_i_word_line": network.r_trace_row_ohm, "r_i_bit_line": network.r_trace_column_ohm}
-    words |= {"node_voltages": False, "all_currents": False}
-    taken = []
-    for _ in range(1 + repeat):
-        found, seconds = cpu_once(lambda: package.compute(applied, 1.0 / network.g_taxel_s, **words))
-        taken.append(seconds)
-    return statistics.median(taken[1:]), np.asarray(found.currents.output)
+    words |= {"node_voltages": False, "all_currents": False}  # its fastest form
+    compute = partial(package.compute, applied, 1.0 / network.g_taxel_s, **words)
+    found, seconds = zip(*(cpu_once(compute) for _ in range(1 + repeat)), strict=True)
+    return statistics.median(seconds[1:]), np.asarray(found[-1].currents.output)

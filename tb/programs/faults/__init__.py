@@ -1,4 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults in the run itself: what a command does when its processes, disk, files and tools fail
-under it.
-"""
+"""Faults in the run itself: a command whose processes, disk, files and tools fail under it."""

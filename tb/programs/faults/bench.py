@@ -27,9 +27,7 @@ END_LIMIT_S = 240.0
 """A command that has not ended by then hangs; the longest takes 15 s on an idle core."""
 
 GONE_LIMIT_S = 30.0
-"""Processes of a command may outlive it by this time on a loaded machine; the watchdog needs
-milliseconds.
-"""
+"""Processes of a command may outlive it by this time on a loaded machine; the watchdog needs milliseconds."""
 
 ROLES = {
     "watchdog": r"watchdog\.py",
@@ -133,9 +131,7 @@ def contents(directory: Path) -> dict[str, str]:
 
 
 def judge_words(ended: Ended | None, codes: Collection[int]) -> list[str]:
-    """Judge exit code and output: one line on standard error, none for codes 0 and 1, no
-    traceback.
-    """
+    """Judge exit code and output: one line on standard error, none for codes 0 and 1, no traceback."""
     if ended is None:
         return ["hangs"]
     faults = []

@@ -65,9 +65,7 @@ def run(trials: Sequence[Trial], bench: Bench, jobs: int, store: Checkpoint) -> 
 def faults_command(
     only: tuple[str, ...], runs: int | None, seed: int, jobs: int, fresh: bool, listed: bool
 ) -> int:
-    """Kill, interrupt, fill, close and cut real commands and judge the result; rows in
-    build/faults.json.
-    """
+    """Kill, interrupt, fill, close and cut real commands and judge the result; rows in build/faults.json."""
     trials = chosen(only, runs)
     if listed:
         click.echo("\n".join(trial.name for trial in trials))

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults from within a process: what a worker, or a command's own code, does at a place where it
-goes wrong.
-"""
+"""Faults from within a process, of a worker or a command's own code."""
 
 from __future__ import annotations
 

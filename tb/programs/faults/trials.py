@@ -104,9 +104,7 @@ class Trial:
 
 
 def baseline(bench: Bench, name: str) -> np.ndarray | None:
-    """Run a subject once undisturbed and return its codes; None where every trial has another
-    scene.
-    """
+    """Run a subject once undisturbed and return its codes; None where every trial has another scene."""
     if name == "build":
         return None
     place = bench.place / "trials" / f"reference.{name}"
@@ -145,9 +143,8 @@ def attempt(
     act : disturbs the run, returns the exit codes that are right
     out, build : if they are not those of the trial
     arrange : puts something in the place of OUT; by default results of an earlier run
-    limits : values of modules, as for Bench.dermis
+    limits, options : as for Bench.dermis
     restore : called before the second run; None for no second run
-    options : of Run
     """
     reference, work = baseline(bench, trial.on), bench.place / "trials" / trial.name
     out = out or work / "out"
@@ -235,9 +232,8 @@ def small_disk(where: Path, size: int) -> Iterator[Path]:
 def disk(trial: Trial, bench: Bench, draw: random.Random) -> Found:
     """Run on a disk that is full or read-only: that of OUT, of TMPDIR, or of build/."""
     what, left = trial.what.split("_")
-    with small_disk(
-        bench.place / "trials" / trial.name / "small", (64 if what == "build" else 8) << 20
-    ) as small:
+    place, megabytes = bench.place / "trials" / trial.name / "small", 64 if what == "build" else 8
+    with small_disk(place, megabytes << 20) as small:
         (small / "tmp").mkdir()
 
         def arrange(bench: Bench, out: Path) -> None:
@@ -247,15 +243,10 @@ def disk(trial: Trial, bench: Bench, draw: random.Random) -> Found:
             else:
                 (small / "filler").write_bytes(bytes(max(0, shutil.disk_usage(small).free - int(left))))
 
-        return attempt(
-            trial,
-            bench,
-            arrange=arrange,
-            out=small / "out" if what == "out" else None,
-            build=small / "build" if what == "build" else None,
-            environment={"TMPDIR": str(small / "tmp")} if what == "tmpdir" else None,
-            restore=None if left == "readonly" else (small / "filler").unlink,
-        )
+        places = {what: small / what} if what in ("out", "build") else {}
+        environment = {"TMPDIR": str(small / "tmp")} if what == "tmpdir" else None
+        restore = None if left == "readonly" else (small / "filler").unlink
+        return attempt(trial, bench, arrange=arrange, environment=environment, restore=restore, **places)
 
 
 def stdout(trial: Trial, bench: Bench, draw: random.Random) -> Found:
