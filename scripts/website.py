@@ -79,10 +79,8 @@ def measured() -> dict[str, Measured]:
 
 def row(found: Mapping[str, Measured], name: str, meaning: str) -> str:
     """Return a measured row of the datasheet with its file and command, or the rows below a name."""
-    rule, limit = designs.spec().get(name) or designs.spec().get(name.rpartition(".")[0]), ""
-    if rule is not None:
-        low, high = ("" if v is None else f"{v:g}" for v in (rule.min, rule.max))
-        limit = f"{low} .. {high}".strip()
+    rule = designs.spec().get(name) or designs.spec().get(name.rpartition(".")[0])
+    limit = markdown.limits(rule.min, rule.max) if rule else ""
     command = f"`{rule.command if rule else _COMMANDS[name.partition('.')[0]]}`"
     below = {k: r for k, r in found.items() if k == name or k.startswith(f"{name}.")}
     below = {name: below[name]} if name in below else below
