@@ -14,7 +14,7 @@ const sheet = $("sheet"), waves = $("waves");
 
 const worker = new Worker(URL.createObjectURL(new Blob([WORKER], {type: "text/javascript"})));
 const waiting = new Map();
-let asked = 0, state = null, opened = performance.now();
+let asked = 0, state = null;
 
 function ask(type, data = {}) {
   return new Promise((done) => {
@@ -131,12 +131,15 @@ function send(fresh = false) {
     view: value("view"), watched: probe.row, ohm: ohms(forces()), fresh});
 }
 
-function changed() {
-  for (const id of ["force", "width", "length", "angle", "slow", "at", ...sliders]) say(id);
+function refresh(fresh = false) {
+  for (const id of Object.keys(units)) say(id);
   compare();
-  send();
-  if (recording) return;
-  history.replaceState(null, "", link());
+  send(fresh);
+}
+
+function changed() {
+  refresh();
+  if (!recording) history.replaceState(null, "", link());
 }
 
 // The corrected map beside the one as read, and the preset that the sliders are at.
@@ -314,12 +317,11 @@ function complain(text) {
 // ---- drawing -----------------------------------------------------------------------------------------------------
 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-let colours = {};
+const colours = {};
 function theme() {
   for (const name of ["ink", "soft", "line", "grid", "panel", "integrator", "comparator", "charge", "accent", "hover"])
     colours[name] = css(`--${name}`);
-  ramp();
-  draw();
+  redraw();
 }
 
 // Points of viridis and, for errors, of a diverging map; between them a straight line.
@@ -366,8 +368,8 @@ function drawMap(canvas, truth, force) {
     pen.fillStyle = `rgb(${paint})`;
     pen.fillRect(x + 0.5, y + 0.5, cell - 1, cell - 1);
     if (cell < 20) continue;
-    const text = kind === "codes" ? codes[i] || "" : kind === "newtons" ? (newtons >= 0.05 ? newtons.toFixed(1) : "")
-      : Math.abs(off) >= 0.05 ? off.toFixed(1) : "";
+    const number = kind === "newtons" ? newtons : off;
+    const text = kind === "codes" ? codes[i] || "" : Math.abs(number) >= 0.05 ? number.toFixed(1) : "";
     if (text) texts.push([text, x + cell / 2, y + cell / 2 + 0.5, paint]);
   }
   outlines(pen, cell, kind === "error");
@@ -424,10 +426,17 @@ function outlines(pen, cell, dark) {
   pen.setLineDash([]);
 }
 
+function polyline(pen, paint, points) {
+  pen.strokeStyle = paint;
+  pen.beginPath();
+  for (const point of points) pen.lineTo(...point);
+  pen.stroke();
+}
+
 const chosen = () => [...document.querySelectorAll("#columns input:checked")].map((box) => Number(box.value));
 
 function drawWaves() {
-  const [pen, width, height] = fit(waves), {trace} = state, n = trace.comp.length, columns = chosen();
+  const [pen, width, height] = fit(waves), {trace} = state, n = trace.comp.length, columns = chosen(), clocks = [...Array(n).keys()];
   const left = 54, right = 8, top = 18, plot = width - left - right, x = (i) => left + plot * i / Math.max(1, n - 1);
   pen.font = '12px system-ui, "DejaVu Sans", sans-serif';
   pen.textBaseline = "middle";
@@ -454,12 +463,8 @@ function drawWaves() {
   columns.forEach((column, k) => {
     const y0 = top + k * lane, analog = lane * 0.56, digital = lane * 0.13;
     const volts = (v) => y0 + 8 + (1.25 - v) / 2.5 * analog; // +-1.25 V
-    pen.strokeStyle = colours.grid;
     pen.lineWidth = 1;
-    pen.beginPath();
-    pen.moveTo(left, volts(0));
-    pen.lineTo(width - right, volts(0));
-    pen.stroke();
+    polyline(pen, colours.grid, [[left, volts(0)], [width - right, volts(0)]]);
     pen.textAlign = "left";
     pen.fillStyle = colours.ink;
     pen.font = 'bold 13px system-ui, "DejaVu Sans", sans-serif';
@@ -468,27 +473,14 @@ function drawWaves() {
     pen.textAlign = "right";
     pen.fillStyle = colours.soft;
     pen.fillText("0 V", left - 5, volts(0));
-    pen.strokeStyle = colours.integrator;
     pen.lineWidth = n > 700 ? 1 : 1.6;
-    pen.beginPath();
-    for (let i = 0; i < n; i++) {
-      // Stored charge drives the output down; one packet is packet_v.
-      const v = Math.max(-1.25, Math.min(1.25, -trace.v[i * COLS + column] * DESIGN.packet_v));
-      if (i) pen.lineTo(x(i), volts(v));
-      else pen.moveTo(x(i), volts(v));
+    // Stored charge drives the output down; one packet is packet_v.
+    const output = (i) => Math.max(-1.25, Math.min(1.25, -trace.v[i * COLS + column] * DESIGN.packet_v));
+    polyline(pen, colours.integrator, clocks.map((i) => [x(i), volts(output(i))]));
+    for (const [bits, paint, y] of [[trace.comp, colours.comparator, y0 + 10 + analog], [trace.charge, colours.charge, y0 + 14 + analog + digital]]) {
+      const level = (i) => y + (bits[i] >> column & 1 ? 0 : digital - 2);
+      polyline(pen, paint, clocks.flatMap((i) => [[x(i), level(i)], [x(Math.min(i + 1, n - 1)), level(i)]]));
     }
-    pen.stroke();
-    [[trace.comp, colours.comparator, y0 + 10 + analog], [trace.charge, colours.charge, y0 + 14 + analog + digital]].forEach(([bits, paint, y]) => {
-      pen.strokeStyle = paint;
-      pen.beginPath();
-      for (let i = 0; i < n; i++) {
-        const level = y + (bits[i] >> column & 1 ? 0 : digital - 2);
-        if (i) pen.lineTo(x(i), level);
-        else pen.moveTo(x(i), level);
-        if (i + 1 < n) pen.lineTo(x(i + 1), level);
-      }
-      pen.stroke();
-    });
   });
   pen.fillStyle = colours.soft;
   pen.textAlign = "right";
@@ -522,6 +514,10 @@ function drawBytes() {
 let drawing = 0;
 function draw() {
   if (!drawing) drawing = requestAnimationFrame(paint);
+}
+function redraw() {
+  ramp();
+  draw();
 }
 
 function paint() {
@@ -674,11 +670,7 @@ $("clear").addEventListener("click", () => {
   bodies = [];
   changed();
 });
-for (const box of document.querySelectorAll("input[name=shown]"))
-  box.addEventListener("change", () => {
-    ramp();
-    draw();
-  });
+for (const box of document.querySelectorAll("input[name=shown]")) box.addEventListener("change", redraw);
 
 function speed() {
   say("slow");
@@ -756,10 +748,7 @@ window.addEventListener("hashchange", () => {
   follow(location.hash);
   changed();
 });
-window.addEventListener("resize", () => {
-  ramp();
-  draw();
-});
+window.addEventListener("resize", redraw);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", theme);
 
 // For scripts and tests: what `dermis run` of toml() must answer, and the speed of this browser.
@@ -771,7 +760,6 @@ window.demo = {
   },
   bench: (frames = 500) => ask("bench", {count: frames}),
   state: () => state,
-  opened,
 };
 
 (async () => {
@@ -779,7 +767,5 @@ window.demo = {
   worker.postMessage({type: "start", design: DESIGN, wasm: bytes});
   theme();
   follow(location.hash);
-  for (const id of ["force", "width", "length", "angle", "slow", "at", ...sliders]) say(id);
-  compare();
-  send(true);
+  refresh(true);
 })();
