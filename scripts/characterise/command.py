@@ -23,10 +23,8 @@ def chosen(only: Sequence[str]) -> list[str]:
     for word in only:
         wanted = quantity_of(word)
         solved = wanted.split(".")[1] if wanted.startswith(_NUMERICS) else ""
-        quantities = [
-            wanted,
-            *(part for sum_, parts in SUMS.items() if _covers(wanted, sum_) for part in parts),
-        ]
+        parts = (part for whole, parts in SUMS.items() if _covers(wanted, whole) for part in parts)
+        quantities = [wanted, *parts]
         found = [
             name
             for name, bench in BENCHES.items()

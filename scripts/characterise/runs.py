@@ -24,7 +24,7 @@ from pathlib import Path
 from dermis.chip import spice_batch
 from dermis.chip.netlist import OPTIONS_TRANSISTORS
 from dermis.chip.sky130 import CORNERS, PASSIVE_CORNERS
-from dermis.errors import InputError, SimulatorError, one_line
+from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
 from dermis.lockstep import ladder
 from dermis.scene.design import ROOT
@@ -81,13 +81,13 @@ def resolved(text: str) -> str:
     """
     own: list[str] = []
     circuits: dict[str, list[str]] = {}
-    inside: list[str] | None = None
+    inside = own
     for line in _lines(text, Path()):
         if found := _SUBCKT.match(line):
             inside = circuits[found[1].lower()] = []
-        (own if inside is None else inside).append(line)
+        inside.append(line)
         if _ENDS.match(line):
-            inside = None
+            inside = own
     reached: dict[str, list[str]] = {}
     waiting = [own]
     while waiting:
@@ -144,10 +144,10 @@ def simulate(text: str, limit_s: float, failed: Path | None = None) -> Measured:
 
 
 def measured(
-    body: str, condition: Condition, limit_s: float = 150.0, options: str = "", blocks: Path | None = None
+    body: str, condition: Condition, limit_s: float = 150.0, blocks: Path | None = None
 ) -> dict[str, float]:
     """Return the `.meas` of a bench at a condition, stored or from ngspice; arguments as of `deck`."""
-    text = resolved(deck(body, condition, options, blocks))
+    text = resolved(deck(body, condition, blocks=blocks))
     if (there := kept(key(text))) is None:
         there = simulate(text, limit_s)
         keep(key(text), f"{condition}", there)
@@ -211,19 +211,14 @@ class Outcome:
 
 def conditions(at: str | None = None) -> list[Condition]:
     """Return all conditions with nominal passives, or those of a text: "ss,-40,0.9", "ss_low,*,1"."""
-    corner, *numbers = (word.strip() for word in (at or "*,*,*").split(","))
     known = (*CORNERS, *PASSIVE_CORNERS)
+    allowed = f"corner,celsius,supply of {' '.join(known)}, -40 .. 125, 0.8 .. 1.2; * for all"
     try:
-        celsius, supplies = (
-            every if word == "*" else (float(word),)
-            for word, every in zip(numbers, (CELSIUS, SUPPLIES), strict=True)
-        )
-        good = corner in ("*", *known) and all(-40 <= c <= 125 for c in celsius)
-        good = good and all(0.8 <= s <= 1.2 for s in supplies)
+        corner, c, s = (word.strip() for word in (at or "*,*,*").split(","))
+        celsius, supplies = CELSIUS if c == "*" else (float(c),), SUPPLIES if s == "*" else (float(s),)
     except ValueError:
-        good = False
-    if not good:
-        allowed = f"corner,celsius,supply of {' '.join(known)}, -40 .. 125, 0.8 .. 1.2; * for all"
+        raise InputError("command line", "--at", at, allowed) from None
+    if corner not in ("*", *known) or not (-40 <= min(celsius) <= 125 and 0.8 <= min(supplies) <= 1.2):
         raise InputError("command line", "--at", at, allowed)
     corners = CORNERS if corner == "*" else (corner,)
     return [Condition(name, c, s) for name in corners for c in celsius for s in supplies]
@@ -305,24 +300,17 @@ class Runs:
         `progress` is called with the number of jobs done, of all.
         """
         todo = list(self.todo)
+        limits_s = [BENCHES[job.bench].limit_s for job in todo]
         # The time limit of each attempt is ngspice's; that of the task is for a process that hangs.
         tasks = (
-            workers.Task(_attempt, (self.todo[job], limit_s, FAILED), 100.0 * limit_s)
-            for job in todo
-            for limit_s in (BENCHES[job.bench].limit_s,)
+            workers.Task(simulate, (self.todo[job], limit_s, FAILED), 100.0 * limit_s)
+            for job, limit_s in zip(todo, limits_s, strict=True)
         )
         for number, done in workers.run(tasks, processes):
-            job, measured, fault = todo[number], *(done.value or (None, done.fault))
-            if measured is None:
-                self.outcomes[job] = Outcome({}, fault)
+            job = todo[number]
+            if done.fault:
+                self.outcomes[job] = Outcome({}, done.fault)
             else:
-                keep(key(self.todo[job]), f"{job.bench} at {job.condition}", measured)
-                self.outcomes[job] = outcome(job, measured)
+                keep(key(self.todo[job]), f"{job.bench} at {job.condition}", done.value)
+                self.outcomes[job] = outcome(job, done.value)
             progress(len(self.outcomes))
-
-
-def _attempt(text: str, limit_s: float, failed: Path) -> tuple[Measured | None, str]:
-    try:
-        return simulate(text, limit_s, failed), ""
-    except SimulatorError as error:
-        return None, one_line(str(error), 400)
