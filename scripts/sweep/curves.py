@@ -26,7 +26,7 @@ from dermis.engines import batch, cosim, event
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
 from dermis.records import Plan
-from dermis.report import comparison, verdict
+from dermis.report import comparison, verdict, waves
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT, Design, exact
 from dermis.scene.design import load as load_design
@@ -173,8 +173,8 @@ def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -
 def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]:
     """Return the charge switches of a process, [clocks, cols] per frame; entry n follows edge n + 1."""
     frames, timing = len(record["codes"]) // made.rows, made.timing
-    words = [int(word, 16) for word in record["trace_charge"]]
-    bits = np.array([[word >> c & 1 for c in range(made.cols)] for word in words], dtype=bool)
+    words = np.array(waves.trace(record, "charge"))
+    bits = (words[:, None] >> np.arange(made.cols) & 1).astype(bool)
     # Between two frames there are clocks without a row, which belong to neither.
     begins = [round(float(record[f"wave{frame}_begin_s"]) * timing.f_clk_hz) for frame in range(frames)]
     length = made.rows * timing.slot_clocks - timing.break_clocks

@@ -68,9 +68,8 @@ def test_every_interface_reads_charge_balance_and_meets_its_limits(swept: Swept)
     assert [curve.topology for curve in swept.curves] == list(TOPOLOGIES)
     assert (swept.failed, verdict.exit_code(swept.rows)) == (False, 0), swept.rows
     rows = {row["name"]: row for row in swept.rows}
-    assert rows["sweep.plain_ngspice_pulses_510"]["value"] == math.floor(
-        Fraction(250 * 512, 510) + Fraction(1, 2)
-    )
+    expected = math.floor(Fraction(250 * 512, 510) + Fraction(1, 2))
+    assert rows["sweep.plain_ngspice_pulses_510"]["value"] == expected
     ohm = sweep.resistances(POINTS, design.load())
     expected = np.array([formula(r) for r in ohm])
     for curve in swept.curves:
@@ -166,13 +165,12 @@ def test_pulses_of_a_known_trace_are_found(two_rows: records.Plan, x: Fraction) 
     expected = vfc.count_exact(x, 510)
     assert count[0, :2, 0].tolist() == [expected, expected]
     assert count[0, 2, 0] == 0
-    if expected < 2:
-        assert np.isnan(period).all()
-        assert np.isnan(line).all()
-    else:
-        # Whole clocks at both ends of a gate of 510.
-        assert period[0, 0, 0] == pytest.approx(float(1 / x), rel=2 / 510)
-        assert line[0, 0, 0] == pytest.approx(float(1 / x), rel=2 / 510)
+    for spacing in (period, line):
+        if expected < 2:
+            assert np.isnan(spacing).all()
+        else:
+            # Whole clocks at both ends of a gate of 510.
+            assert spacing[0, 0, 0] == pytest.approx(float(1 / x), rel=2 / 510)
 
 
 @pytest.mark.paper
@@ -243,8 +241,7 @@ def test_the_command_writes_csv_figures_and_every_row_and_leaves_nothing_old(
     out = tmp_path / "out"
     assert invoke(monkeypatch, tmp_path, (swept.curves, swept.rows, False)).return_value == 0
     assert {path.name for path in out.iterdir()} == {"sweep.csv", "sweep_frequency.png", "sweep_code.png"}
-    for name in ("sweep_frequency.png", "sweep_code.png"):
-        assert (out / name).read_bytes().startswith(b"\x89PNG")
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in out.glob("*.png"))
     assert json.loads((tmp_path / "build" / "sweep.json").read_text()) == swept.rows
     invoke(monkeypatch, tmp_path, (swept.curves, swept.rows, False), "--no-plot")
     assert [path.name for path in out.iterdir()] == ["sweep.csv"]
