@@ -224,11 +224,6 @@ def conditions(at: str | None = None) -> list[Condition]:
     return [Condition(name, c, s) for name in corners for c in celsius for s in supplies]
 
 
-def passives() -> list[Condition]:
-    """Return the ends of resistors and capacitors, at nominal supply."""
-    return [Condition(corner, c) for corner in PASSIVE_CORNERS for c in CELSIUS]
-
-
 def jobs_of(
     names: Sequence[str],
     at: str | None,
@@ -244,12 +239,13 @@ def jobs_of(
     if at is not None or sample is not None:
         places, ways, last = [TYPICAL] if at is None else conditions(at), ["", *ways], many or 0
         begin = places[0]
-        if sample is not None:
-            places = [replace(place, sample=sample) for place in places]
+        places = [replace(place, sample=sample) for place in places]
         jobs = [Job(name, place, way) for name in names for place in places for way in ways]
         numerics = []
     else:
-        places, begin = list(EXTREMES) if short else [*conditions(), *passives()], TYPICAL
+        # Resistors and capacitors are at their ends at nominal supply.
+        ends = [Condition(corner, celsius) for corner in PASSIVE_CORNERS for celsius in CELSIUS]
+        places, begin = list(EXTREMES) if short else [*conditions(), *ends], TYPICAL
         last = (SHORT_SAMPLES if short else SAMPLES) if many is None else many
         jobs = [Job(name, place) for place in places for name in names]
         numerics = [

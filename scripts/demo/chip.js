@@ -42,8 +42,6 @@ class Chip {
     }
   }
 
-  reset() { this.wasm.reset(); }
-
   // The latest answer on the SPI pins: its bytes, and what they say.
   answer() {
     const bytes = new Uint8Array(this.wasm.memory.buffer, this.wasm.answer(), this.wasm.answer_bytes()).slice();

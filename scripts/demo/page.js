@@ -199,29 +199,25 @@ function follow(hash) {
 }
 
 function toml() {
-  const on = effects(), text = JSON.stringify, lines = ["# Saved by the demo page of dermis; answer it with: dermis run FILE"];
-  lines.push('title = "Pressed in the browser"', "");
-  if (recording) {
-    lines.push("[stimulus]", 'kind = "frames"', `file = ${text(recording.name)}`, `unit = "${recording.unit}"`, "");
-  } else if (!bodies.length) {
-    lines.push("[stimulus]", 'kind = "uniform"', "force_n = 0.0", "");
-  } else {
-    lines.push("[stimulus]", 'kind = "several"', "");
-    for (const body of bodies) {
-      lines.push("[[stimulus.parts]]", 'kind = "indenter"');
-      for (const [key, of] of Object.entries(body)) lines.push(`${key} = ${text(of)}`);
-      lines.push("");
-    }
+  const on = effects(), text = JSON.stringify, list = (values) => `[${values.join(", ")}]`;
+  const lines = ["# Saved by the demo page of dermis; answer it with: dermis run FILE", 'title = "Pressed in the browser"', "", "[stimulus]"];
+  if (recording) lines.push('kind = "frames"', `file = ${text(recording.name)}`, `unit = "${recording.unit}"`, "");
+  else if (!bodies.length) lines.push('kind = "uniform"', "force_n = 0.0", "");
+  else lines.push('kind = "several"', "");
+  for (const body of recording ? [] : bodies) {
+    lines.push("[[stimulus.parts]]", 'kind = "indenter"');
+    for (const [key, of] of Object.entries(body)) lines.push(`${key} = ${text(of)}`);
+    lines.push("");
   }
+  // Slider, effect and key of a scene, value.
+  const written = [
+    ["row_ohm", "row_driver", "r_ohm", on.row_ohm], ["column_ohm", "column_input", "r_ohm", on.column_ohm],
+    ["lateral", "lateral", "r_ohm", on.lateral_ohm], ["offset", "column_offset", "v_v", list(on.offset_v)],
+    ["mismatch", "mirror_ratio", "ratio_error", list(on.ratio_error)], ["noise", "comparator_noise", "v_v", on.noise_v],
+    ["flicker", "flicker_noise", "relative", on.flicker],
+  ];
   lines.push("[effects]");
-  const list = (values) => `[${values.join(", ")}]`;
-  if (on.row_ohm) lines.push(`row_driver = { r_ohm = ${on.row_ohm} }`);
-  if (on.column_ohm) lines.push(`column_input = { r_ohm = ${on.column_ohm} }`);
-  if (on.lateral_ohm) lines.push(`lateral = { r_ohm = ${on.lateral_ohm} }`);
-  if (value("offset")) lines.push(`column_offset = { v_v = ${list(on.offset_v)} }`);
-  if (value("mismatch")) lines.push(`mirror_ratio = { ratio_error = ${list(on.ratio_error)} }`);
-  if (on.noise_v) lines.push(`comparator_noise = { v_v = ${on.noise_v} }`);
-  if (on.flicker) lines.push(`flicker_noise = { relative = ${on.flicker} }`);
+  for (const [slider, effect, key, of] of written) if (value(slider)) lines.push(`${effect} = { ${key} = ${of} }`);
   lines.push("", "[run]", 'engine = "event"', `seed = ${seed}`, "");
   return lines.join("\n");
 }
