@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
@@ -212,7 +212,7 @@ class Answer:
         dR and dF are the change of one code at that resistance; dF is constant.
         """
         low, ratio = float(self.r_min_ohm), float(self.r_max_ohm / self.r_min_ohm)
-        inner = [_digits(low * ratio ** (i / (points - 1)), 3, up=None) for i in range(1, points - 1)]
+        inner = [_digits(low * ratio ** (i / (points - 1)), 3, round) for i in range(1, points - 1)]
         d_force = self.k_force_n_ohm / (self.gate_clocks * self.r_unit_ohm)
         table = []
         for r in [self.r_min_ohm, *(exact(r) for r in inner), self.r_max_ohm]:
@@ -225,15 +225,13 @@ class Answer:
         return table
 
 
-def _digits(value: Fraction | float, digits: int, up: bool | None) -> float:
-    """Round to some significant digits: up, down, or (None) to the nearest."""
+def _digits(value: Fraction | float, digits: int, rounding: Callable[[Fraction], int]) -> float:
+    """Round to some significant digits."""
     scale = Fraction(10) ** (digits - 1 - math.floor(math.log10(value)))
-    scaled = exact(value) * scale
-    whole = round(scaled) if up is None else math.ceil(scaled) if up else math.floor(scaled)
-    return float(whole / scale)
+    return float(rounding(exact(value) * scale) / scale)
 
 
-_at_least, _at_most = (partial(_digits, digits=6, up=up) for up in (True, False))
+_at_least, _at_most = (partial(_digits, digits=6, rounding=way) for way in (math.ceil, math.floor))
 
 
 def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:

@@ -57,7 +57,6 @@ class Bench:
     values: Values
     units: Mapping[str, str]  # quantity -> SI unit, of everything that `values` gives
     samples: bool = False  # mismatch moves its quantities, so it takes part in Monte Carlo
-    limit_s: float = 150.0  # wall clock of one attempt of ngspice
     trtol: float = 7.0  # ngspice's factor on the truncation error that a step may have; its own is 7
 
 
@@ -484,8 +483,6 @@ def front_end(found: Found) -> dict[str, float]:
 
 # ---- supply --------------------------------------------------------------------------------------------------
 
-SUPPLY_BLOCKS = body("supply_blocks")
-
 
 def supply(found: Found, topology: str) -> dict[str, float]:
     """Return a channel's current from vdd and into vss, and a chip's to vss in its worst row.
@@ -614,7 +611,7 @@ _ALL = (
         _bench(f"supply_{name}", partial(supply, topology=name), body("supply", topology=name))
         for name in TOPOLOGIES
     ),
-    _bench("supply_blocks", supply_blocks, SUPPLY_BLOCKS),
+    _bench("supply_blocks", supply_blocks),
     _bench("supply_rejection", supply_rejection, _supply_rejection_body()),
     _noise("full", noise_body("ix", body("noise_taxel", k=80, i="1m", r="500"))),
     _noise("low", noise_body("ix", body("noise_taxel", k=80, i="7.8u", r="64.25k"))),

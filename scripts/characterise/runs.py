@@ -35,6 +35,8 @@ KEPT = ROOT / "build" / "characterise" / "kept"
 FAILED = ROOT / "build" / "characterise" / "failed"
 """Decks and logs of failed runs."""
 
+LIMIT_S = 150.0
+"""Wall clock of one attempt of ngspice."""
 START = ladder.Level(start=1)
 """Newton's method by itself finds the operating point of none of these decks: it is not tried first."""
 
@@ -123,7 +125,7 @@ def keep(name: str, what: str, measured: Measured) -> None:
     write_atomic(KEPT / f"{name}.json", json.dumps(told, indent=1) + "\n")
 
 
-def simulate(text: str, limit_s: float, failed: Path | None = None) -> Measured:
+def simulate(text: str, limit_s: float = LIMIT_S, failed: Path | None = None) -> Measured:
     """Run a resolved deck without use of stored results; `limit_s` is for one attempt of ngspice.
 
     SimulatorError if ngspice gave it up on every rung, took too long or did not measure something;
@@ -143,13 +145,11 @@ def simulate(text: str, limit_s: float, failed: Path | None = None) -> Measured:
     return Measured(dict(found.values), rungs, time.monotonic() - start, dict(found.exceeded))
 
 
-def measured(
-    body: str, condition: Condition, limit_s: float = 150.0, blocks: Path | None = None
-) -> dict[str, float]:
+def measured(body: str, condition: Condition, blocks: Path | None = None) -> dict[str, float]:
     """Return the `.meas` of a bench at a condition, stored or from ngspice; arguments as of `deck`."""
     text = resolved(deck(body, condition, blocks=blocks))
     if (there := kept(key(text))) is None:
-        there = simulate(text, limit_s)
+        there = simulate(text)
         keep(key(text), f"{condition}", there)
     return dict(there.values)
 
@@ -296,12 +296,8 @@ class Runs:
         `progress` is called with the number of jobs done, of all.
         """
         todo = list(self.todo)
-        limits_s = [BENCHES[job.bench].limit_s for job in todo]
-        # The time limit of each attempt is ngspice's; that of the task is for a process that hangs.
-        tasks = (
-            workers.Task(simulate, (self.todo[job], limit_s, FAILED), 100.0 * limit_s)
-            for job, limit_s in zip(todo, limits_s, strict=True)
-        )
+        # LIMIT_S is ngspice's own; the time limit of the task is for a process that hangs.
+        tasks = (workers.Task(simulate, (self.todo[job], LIMIT_S, FAILED), 100.0 * LIMIT_S) for job in todo)
         for number, done in workers.run(tasks, processes):
             job = todo[number]
             if done.fault:
