@@ -9,7 +9,6 @@ import importlib.metadata
 import importlib.util
 import json
 import os
-import shutil
 import sys
 import tempfile
 import time
@@ -54,9 +53,8 @@ PATTERN_SEED = 19
 
 def have_compiler() -> str | None:
     """Return the reason why the page cannot be built here, or None."""
-    if importlib.util.find_spec("ziglang") is None:
-        return "Python package ziglang is not installed (make demo installs it)"
-    return None
+    found = importlib.util.find_spec("ziglang")
+    return None if found else "Python package ziglang is not installed (make demo installs it)"
 
 
 def _key() -> str:
@@ -84,8 +82,8 @@ def wasm(design: Design) -> bytes:
     log = WORK / "build.log"
     log.unlink(missing_ok=True)
     root = verilator_root()
-    scratch = Path(tempfile.mkdtemp(dir=WORK, prefix=".build_"))
-    try:
+    with tempfile.TemporaryDirectory(dir=WORK, prefix=".build_") as folder:
+        scratch = Path(folder)
         verilator = [root / "bin" / "verilator_bin", *VERILATOR_FLAGS, "--Mdir", scratch]
         sources = [*(f"-I{folder}" for folder in rtl_include_dirs()), *rtl_sources()]
         place = {"VERILATOR_ROOT": str(root)}
@@ -100,8 +98,6 @@ def wasm(design: Design) -> bytes:
         for old in WORK.glob("chip_*.wasm"):
             old.unlink()
         os.replace(out, kept)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
     return kept.read_bytes()
 
 

@@ -85,6 +85,9 @@ const WHAT = {
   toml: "dermis run answers this file with the same codes, noise included.",
 };
 
+function wire(preset) {
+  for (const name of sliders) $(name).value = preset[name];
+}
 const value = (id) => Number($(id).value);
 // Laterals go from 10 kohm down to 100 ohm on a logarithmic slider; 0 leaves them out.
 const lateralOhm = () => value("lateral") ? Number((10000 / 10 ** (value("lateral") / 20)).toPrecision(2)) : 0;
@@ -643,7 +646,7 @@ for (const id of ["shape", "force", "width", "length", "angle"]) $(id).addEventL
 for (const id of [...sliders, "view"]) $(id).addEventListener("input", changed);
 $("corrected").addEventListener("input", () => {
   // A wiring without a loss has nothing to correct.
-  if ($("corrected").checked && !sliders.some(value)) Object.entries(presets.harsh).forEach(([name, to]) => { $(name).value = to; });
+  if ($("corrected").checked && !sliders.some(value)) wire(presets.harsh);
   const kind = $("corrected").checked ? "error" : "newtons";
   document.querySelector(`input[name=shown][value=${kind}]`).checked = true;
   ramp();
@@ -656,12 +659,11 @@ for (const panel of document.querySelectorAll(".panel:has(.what)"))
       const name = control?.closest(".columns") ? "columns" : control?.dataset.step ? "step" : control?.name || control?.id;
       if (WHAT[name]) panel.querySelector(".what").textContent = WHAT[name];
     });
-for (const id of Object.keys(presets)) {
+for (const [id, preset] of Object.entries(presets))
   $(id).addEventListener("click", () => {
-    for (const name of sliders) $(name).value = presets[id][name];
+    wire(preset);
     changed();
   });
-}
 $("clear").addEventListener("click", () => {
   bodies = [];
   changed();
