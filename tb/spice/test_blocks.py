@@ -77,9 +77,9 @@ def test_comparator_delays_a_ramp_and_a_step(measure: Measure, design: Design) -
 
 def test_conveyor_is_its_input_resistance_and_a_single_pole(measure: Measure, design: Design) -> None:
     got = measure("conveyor__ac")
-    # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
-    assert got["r_x_low_ohm"] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9, abs=0)
-    assert got["r_x_high_ohm"] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9, abs=0)
+    for name in ("r_x_low_ohm", "r_x_high_ohm"):
+        # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
+        assert got[name] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9, abs=0)
     # ac points at 1 kHz, and at the pole rounded to 4 digits: (1 kHz / 20 MHz)^2 is 3e-9, then the digits of
     # the frequency.
     assert got["gain_low"] == pytest.approx(1 + design.conveyor.gain_error, rel=1e-6, abs=0)
@@ -150,16 +150,17 @@ def test_a_slow_mirror_follows_its_logistic_curve(measure: Measure, design: Desi
     got = measure("mirror_lag__tran", dut={"q_lag_c": q_lag_c})
     low, high = 1e-7, 1e-5
     top = logistic(high, low, q_lag_c, 9.9e-6)
+    low_again, floor = logistic(low, top, q_lag_c, 10e-6), 1e-6 * 25e-6
+    between = {
+        "i_up": logistic(high, low, q_lag_c, 20e-9),
+        "i_down": logistic(low, top, q_lag_c, 100e-9),
+        "i_low_again": logistic(low, top, q_lag_c, 9.9e-6),
+        "i_open": logistic(floor, low_again, q_lag_c, 10e-6),
+    }
     # Settled values to the bench's reltol of 1e-6; in between trapezoids of a logistic curve, a thousandth.
-    assert got["i_start"] == pytest.approx(low, rel=1e-6, abs=0)
-    assert got["i_up"] == pytest.approx(logistic(high, low, q_lag_c, 20e-9), rel=1e-3, abs=0)
-    assert got["i_top"] == pytest.approx(top, rel=1e-6, abs=0)
-    assert got["i_down"] == pytest.approx(logistic(low, top, q_lag_c, 100e-9), rel=1e-3, abs=0)
-    assert got["i_low_again"] == pytest.approx(logistic(low, top, q_lag_c, 9.9e-6), rel=1e-3, abs=0)
-    low_again = logistic(low, top, q_lag_c, 10e-6)
-    floor = 1e-6 * 25e-6
-    # Trapezoids of a logistic curve, a thousandth; the sunk copy is the same number.
-    assert got["i_open"] == pytest.approx(logistic(floor, low_again, q_lag_c, 10e-6), rel=1e-3, abs=0)
+    assert [got["i_start"], got["i_top"]] == pytest.approx([low, top], rel=1e-6, abs=0)
+    assert {name: got[name] for name in between} == pytest.approx(between, rel=1e-3, abs=0)
+    # The sunk copy is the same number.
     assert got["i_sunk"] == pytest.approx(-got["i_open"], rel=1e-9, abs=0)
     # what the gate took to rise: q ln(top / low)
     given = low * 0.1e-6 + high * 9.9e-6 - q_lag_c * math.log(top / low)

@@ -90,6 +90,7 @@ def test_channels_survive_short_open_and_rail_and_are_preset_again(
         params={"r_taxel": r_ohm, "t_step": step_s},
         options=f"method={method} {options}",
     )
+    drop = 0.0
     for name, sign in SIGN.items():
         end = sign * got[f"v_end_{name}"]
         if kind == "physical":
@@ -100,8 +101,6 @@ def test_channels_survive_short_open_and_rail_and_are_preset_again(
             i = min(design.interface.v_bias_v / r_ohm, design.conveyor.i_out_max_a)
             i /= 1 + i * design.mirror.r_switch_ohm / design.mirror.v_overdrive_v
             drop = design.integrator.r_preset_ohm * i / design.interface.k
-        else:
-            drop = 0.0
         if name == "d" and kind == "physical":
             continue  # 80 times the current: what 1 kohm then drops has a test of its own
         # The loose options solve the preset to reltol 1e-3 of 1.65 V, three times.
@@ -131,7 +130,7 @@ def test_dc_transfer_of_each_channel_is_its_k_and_sign(measure: Measure, design:
     assert got["i_int_all"] == pytest.approx(-SIGN[name] * 16e-3 / k, rel=1e-8, abs=0)
     assert abs(got["i_int_open"]) < 1e-15
     assert abs(got["v_col_full"]) < 1e-9, "the column is not at virtual ground"
-    v_int = SIGN[name] * 0.5 - got["i_int_full"] * -1e3
+    v_int = SIGN[name] * 0.5 + got["i_int_full"] * 1e3
     # The deck's vntol is 1e-12 V; three operations on 1 kohm.
     assert got["v_int_full"] == pytest.approx(v_int, abs=1e-9)
 

@@ -27,10 +27,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         config = config.replace(f"build/{name}", str(tmp_path / name))
     config = config.replace("docs/theme", str(ROOT / "docs/theme"))
     (tmp_path / "mkdocs.yml").write_text(config)
-    monkeypatch.setattr(website, "CONFIG", tmp_path / "mkdocs.yml")
-    monkeypatch.setattr(website, "SOURCE", tmp_path / "site_source")
-    monkeypatch.setattr(website, "SITE", tmp_path / "site")
-    monkeypatch.setattr(website, "BUILD", tmp_path)
+    for name, place in (("CONFIG", "mkdocs.yml"), ("SOURCE", "site_source"), ("SITE", "site"), ("BUILD", "")):
+        monkeypatch.setattr(website, name, tmp_path / place)
     return tmp_path
 
 
