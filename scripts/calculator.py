@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import click
 import tomlkit
@@ -534,8 +534,7 @@ def calc_command(write: bool, **values: Any) -> None:
         raise click.exceptions.Exit(1)
 
 
-_KINDS = {"rows": int, "cols": int, "bits": int, "k": int, "gate_clocks": int}
 for _name, _about in Targets.model_fields.items():
-    _kind = click.Choice(design_module.TOPOLOGIES) if _name == "topology" else _KINDS.get(_name, float)
+    _kind = click.Choice(design_module.TOPOLOGIES) if _name == "topology" else get_args(_about.annotation)[0]
     _help = f"{_about.description[0].upper()}{_about.description[1:]}."
     click.option(f"--{_name.replace('_', '-')}", _name, type=_kind, help=_help)(calc_command)
