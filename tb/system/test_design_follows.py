@@ -20,21 +20,13 @@ from scripts.demo import browser, demo
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1500)]
 
 TARGETS = (
-    "--rows 32 --cols 32 --bits 10 --f-clk-hz 10e6 --frame-s 8e-3 --settle-fraction 0.18 --write"
-).split()
-TESTS = (
-    "tb/model/test_calculator.py",
-    "tb/model/test_decode.py",
-    "tb/model/test_design.py",
-    "tb/model/test_generate.py",
-    "tb/model/test_register_files.py",
-    "tb/model/test_vfc.py",
-    "tb/rtl/gated_counter",
-    "tb/rtl/harden",
-    "tb/rtl/registers",
-    "tb/rtl/row_scanner",
-    "tb/spice/test_blocks.py",
+    "--rows 32 --cols 32 --bits 10 --f-clk-hz 10e6 --frame-s 8e-3 --settle-fraction 0.18 --write".split()
 )
+TESTS = [
+    *(f"tb/model/test_{name}.py" for name in "calculator decode design generate register_files vfc".split()),
+    *(f"tb/rtl/{name}" for name in "gated_counter harden registers row_scanner".split()),
+    "tb/spice/test_blocks.py",
+]
 
 
 @pytest.fixture(scope="module")
