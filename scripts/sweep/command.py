@@ -7,7 +7,7 @@ import csv
 import io
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +81,7 @@ EQ3 = {"color": drawing.RED, "lw": 1.3, "ls": (0, (5, 2)), "label": "eq. (3): f 
 OHM, KHZ = "resistance of the taxel R / ohm", "pulse frequency f / kHz"
 FORCE = "force on the taxel F = K_f / R / N"
 
-Across = Callable[[Curve], Floats]
+Across, Scale = Callable[[Curve], Floats], Callable[[Floats], Floats]
 
 
 def _force(ohm: Floats) -> Floats:
@@ -89,24 +89,18 @@ def _force(ohm: Floats) -> Floats:
 
 
 def _laws(
-    axes: Any, curve: Curve, across: Callable[[Floats], Floats], per_hz: float, end_ohm: float | None = None,
-    looks: Sequence[Mapping[str, Any]] = (BALANCE, EQ3),
-) -> None:  # fmt: skip
-    """Draw both laws (or the first) over the resistances, dense enough to show their steps."""
+    axes: Any, curve: Curve, across: Scale, per_hz: float, end_ohm: float = 0.0, eq3: bool = True
+) -> None:
+    """Draw charge balance and eq. (3) over the resistances, dense enough to show their steps."""
     ohm = np.geomspace(curve.resistance_ohm[0], end_ohm or curve.resistance_ohm[-1], 20_001)
-    duty = float(curve.x[0] * curve.resistance_ohm[0]) / ohm
-    clocks = 1 << 40
-    for share, look in zip((duty, vfc.count_restarting(duty, clocks) / clocks), looks, strict=False):
-        axes.plot(across(ohm), curve.f_clk_hz * share * per_hz, **look)
+    duty, clocks = float(curve.x[0] * curve.resistance_ohm[0]) / ohm, 1 << 40
+    axes.plot(across(ohm), curve.f_clk_hz * duty * per_hz, **BALANCE)
+    if eq3:
+        axes.plot(across(ohm), curve.f_clk_hz * vfc.count_restarting(duty, clocks) / clocks * per_hz, **EQ3)
 
 
 def _marks(
-    axes: Any,
-    curves: Sequence[Curve],
-    across: Across,
-    up: Across,
-    most: int | None = None,
-    scale: Callable[[Floats], Floats] = np.asarray,
+    axes: Any, curves: Sequence[Curve], across: Across, up: Across, most: int = 0, scale: Scale = np.asarray
 ) -> None:
     """Draw the points of each curve; with `most`, that number of all curves, each its share.
 
@@ -115,7 +109,7 @@ def _marks(
     for number, curve in enumerate(curves):
         x, y = across(curve), up(curve)
         picks = np.arange(x.size)
-        if most is not None:
+        if most:
             place = scale(x)
             wanted = np.linspace(place.min(), place.max(), most)
             picks = np.unique([np.argmin(np.abs(place - w)) for w in wanted])[number :: len(curves)]
@@ -213,7 +207,7 @@ def transistor_figure(curves: Sequence[Curve], path: Path) -> None:
     """Draw frequency against resistance, and its residual to a straight line."""
     figure = Figure(figsize=(10, 4.9), layout="constrained")
     whole, rest = figure.subplots(1, 2)
-    _laws(whole, curves[0], np.asarray, 1e-3, looks=(BALANCE,))
+    _laws(whole, curves[0], np.asarray, 1e-3, eq3=False)
     _marks(whole, curves, lambda c: c.resistance_ohm, lambda c: c.f_clk_hz / c.ideal.line_clocks / 1e3)
     _log_scales(whole, curves[0])
     _finish(whole, "f against R, channels in transistors (tt, 27 C)", OHM, KHZ, "lower left")
