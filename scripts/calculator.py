@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import click
 import tomlkit
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel
 
 from dermis.converter import vfc
 from dermis.errors import InputError
@@ -27,24 +27,20 @@ from dermis.files import write_atomic
 from dermis.report import verdict
 from dermis.scene import design as design_module
 from dermis.scene.design import K_BOLTZMANN_J_PER_K, Design, exact, spec
+from dermis.scene.schema import entry, validate
 
 HALF = Fraction(1, 2)
 FILE = "command line"
 RANGE_COLUMNS = ("R [ohm]", "F [N]", "x", "f [Hz]", "code", "code by eq. (3)", "dR [ohm]", "dF [N]")
 
-
 Changes = dict[str, float | int | None]
 """New values of some targets; None removes one."""
 
-
-def _target(meaning: str, **limits: Any) -> Any:
-    return Field(default=None, description=meaning, **limits)
+_target = partial(entry, None)
 
 
-class Targets(BaseModel):
+class Targets(BaseModel, strict=True, extra="forbid", frozen=True, allow_inf_nan=False):
     """Design targets; an omitted one comes from models/design.toml or follows from the others."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
     rows: int | None = _target("rows of the array", ge=1, le=1024)
     cols: int | None = _target("columns of the array, one converter each", ge=1, le=1024)
@@ -82,24 +78,17 @@ def make_targets(**targets: Any) -> Targets:
     """Check targets and return them; InputError for an unknown name, text for a number, NaN, a value
     out of range, or two targets for the same quantity.
     """
-    try:
-        targets = Targets.model_validate(targets)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        allowed = first["msg"].removeprefix("Input should be ")
-        if first["type"] == "extra_forbidden":
-            allowed = "one of " + ", ".join(Targets.model_fields)
-        raise InputError(FILE, str(first["loc"][0]), first["input"], allowed) from None
+    made: Targets = validate(Targets, targets, FILE)
     twice = {"frame_rate_hz": "frame_s", "i_sensor_a": "v_bias_v", "force_min_n": "r_max_ohm"}
     for name, other in twice.items():
-        if None not in (value := getattr(targets, name), getattr(targets, other)):
+        if None not in (value := getattr(made, name), getattr(made, other)):
             raise InputError(FILE, name, value, f"no value, because {other} sets the same quantity")
-    k_force = targets.k_force_n_ohm
-    if None not in (targets.r_min_ohm, targets.force_max_n, k_force):
-        said = exact(targets.r_min_ohm) * exact(targets.force_max_n)
+    k_force = made.k_force_n_ohm
+    if None not in (made.r_min_ohm, made.force_max_n, k_force):
+        said = exact(made.r_min_ohm) * exact(made.force_max_n)
         if said != exact(k_force):
             raise InputError(FILE, "k_force_n_ohm", k_force, f"r_min_ohm force_max_n = {float(said)!r}")
-    return targets
+    return made
 
 
 @dataclass(frozen=True)
@@ -223,7 +212,7 @@ class Answer:
         dR and dF are the change of one code at that resistance; dF is constant.
         """
         low, ratio = float(self.r_min_ohm), float(self.r_max_ohm / self.r_min_ohm)
-        inner = [_digits(low * ratio ** (i / (points - 1)), 3, up=None) for i in range(1, points - 1)]
+        inner = [_digits(low * ratio ** (i / (points - 1)), 3, round) for i in range(1, points - 1)]
         d_force = self.k_force_n_ohm / (self.gate_clocks * self.r_unit_ohm)
         table = []
         for r in [self.r_min_ohm, *(exact(r) for r in inner), self.r_max_ohm]:
@@ -236,15 +225,13 @@ class Answer:
         return table
 
 
-def _digits(value: Fraction | float, digits: int, up: bool | None) -> float:
-    """Round to some significant digits: up, down, or (None) to the nearest."""
+def _digits(value: Fraction | float, digits: int, rounding: Callable[[Fraction], int]) -> float:
+    """Round to some significant digits."""
     scale = Fraction(10) ** (digits - 1 - math.floor(math.log10(value)))
-    scaled = exact(value) * scale
-    whole = round(scaled) if up is None else math.ceil(scaled) if up else math.floor(scaled)
-    return float(whole / scale)
+    return float(rounding(exact(value) * scale) / scale)
 
 
-_at_least, _at_most = (partial(_digits, digits=6, up=up) for up in (True, False))
+_at_least, _at_most = (partial(_digits, digits=6, rounding=way) for way in (math.ceil, math.floor))
 
 
 def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
@@ -323,6 +310,11 @@ def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fractio
     raise InputError(FILE, "r_max_ohm", float(r_max), f"above the {float(r_min):g} ohm at full force")
 
 
+def _closest(k: Fraction, base: Design) -> int:
+    """Return the switchable ratio next to k."""
+    return min(base.interface.k_options, key=lambda option: abs(k / option - 1))
+
+
 def _charge(
     targets: Targets, base: Design, full_scale_a: Fraction, f_clk: Fraction
 ) -> tuple[Fraction, Fraction, Fraction]:
@@ -338,7 +330,7 @@ def _charge(
     elif targets.i0_a is not None:
         i0 = exact(targets.i0_a)
         k = full_scale_a / i0
-        nearest = min(base.interface.k_options, key=lambda option: abs(k / option - 1))
+        nearest = _closest(k, base)
         # A rounded i0 still means the nearest whole ratio.
         k = Fraction(nearest) if abs(k / nearest - 1) <= exact(spec()["calculator.k_distance"].max) else k
     else:
@@ -392,21 +384,19 @@ def _judged(
     usable = min(x_full, HALF)
 
     either, ohm = ("v_bias_v", 1) if targets.i_sensor_a is None else ("i_sensor_a", r_min)
-    note = f"{float(v_bias):g} V on {float(r_min):g} ohm"
-    most = limit("sensor_current_a") * r_min / ohm
-    row("sensor_current_a", v_bias / r_min, note, {either: _at_most(most)})
+    note, most = f"{float(v_bias):g} V on {float(r_min):g} ohm", limit("sensor_current_a") * r_min
+    row("sensor_current_a", v_bias / r_min, note, {either: _at_most(most / ohm)})
     supply = exact(base.supply.vdd_v)
-    vdd = supply * limit("v_bias_supply")
-    note = f"{float(v_bias):g} V of {float(vdd):g} V"
-    row("v_bias_supply", v_bias / supply, note, {either: _at_most(vdd / ohm)})
+    most = supply * limit("v_bias_supply")
+    note = f"{float(v_bias):g} V of {float(most):g} V"
+    row("v_bias_supply", v_bias / supply, note, {either: _at_most(most / ohm)})
 
     options = base.interface.k_options
-    closest = min(options, key=lambda option: abs(k / option - 1))
-    full_scale_a = v_bias / (HALF * r_min)
+    closest = _closest(k, base)
     switched: Changes = {"k": closest} if targets.k is not None else {"k": closest, "i0_a": None}
     note = f"k = {float(k):g}, switchable {', '.join(map(str, options))}"
     row("k_distance", abs(k / closest - 1), note, switched)
-    smaller: Changes = {"i0_a": _at_least(full_scale_a / k), "gate_clocks": None}
+    smaller: Changes = {"i0_a": _at_least(v_bias / (HALF * r_min) / k), "gate_clocks": None}
     row("duty_full_scale", x_full, f"x = V_b / (k i0 R) at {float(r_min):g} ohm", smaller)
 
     # Pulses counted at any phase; where those suffice, pulses counted from the half-packet preset.
@@ -417,22 +407,20 @@ def _judged(
     note = f"{answer.gate_clocks} clocks count to {counted} at r_min ({holds} bits), wanted {answer.code_max}"
     gate: Changes = {"gate_clocks": math.ceil(answer.code_max / usable)}
     row("full_scale_code_error_lsb", counted - answer.code_max, note, gate)
-    low = answer.code(answer.r_max_ohm)
     # gate x + 1/2 must reach code 1
     reach = answer.gate_clocks * answer.r_unit_ohm / (limit("code_at_r_max") - HALF)
     end: Changes = {"r_max_ohm": _at_most(reach)}
     if targets.force_min_n is not None:
         end = {"force_min_n": _at_least(answer.k_force_n_ohm / reach)}
-    row("code_at_r_max", low, f"code at {float(answer.r_max_ohm):g} ohm", end)
+    row("code_at_r_max", answer.code(answer.r_max_ohm), f"code at {float(answer.r_max_ohm):g} ohm", end)
 
     left = answer.slot_clocks - needed
-    other_ways = ""
+    note = f"slot {answer.slot_clocks}, gate {answer.gate_clocks}, with settling {needed} clocks"
     if left < 0:
         clocks = {b: _slot_clocks(math.ceil((2**b - 1) / usable), settle, base) for b in range(1, 17)}
         held = [b for b, needs in clocks.items() if needs <= answer.slot_clocks]
-        other_ways = f"; f_clk_hz = {_at_least(needed / slot_s):g} would do"
-        other_ways += f", or {held[-1]} bits" if held else ""
-    note = f"slot {answer.slot_clocks}, gate {answer.gate_clocks}, with settling {needed} clocks{other_ways}"
+        note += f"; f_clk_hz = {_at_least(needed / slot_s):g} would do"
+        note += f", or {held[-1]} bits" if held else ""
     row("gate_margin_clocks", left, note, {"frame_s": _at_least(answer.array_rows * needed / f_clk)})
     settle_min = limit("settle_s")
     if targets.f_clk_hz is not None:
@@ -464,22 +452,19 @@ def _judged(
         smaller = {"c_int_f": _at_least(charge / swing)}
     note = f"packet {float(answer.packet_v):g} V, at most {float(swing):g} V"
     row("packet_swing", answer.packet_v / swing, note, smaller)
-    larger = {"c_int_f": _at_least(limit("c_int_f") / scale)}
-    row("c_int_f", answer.c_int_f * scale, f"packet {float(charge * scale):g} C", larger)
+    c_int, packet = answer.c_int_f * scale, float(charge * scale)
+    row("c_int_f", c_int, f"packet {packet:g} C", {"c_int_f": _at_least(limit("c_int_f") / scale)})
 
     # The plateau of q = 2 is the widest: (1 - lam) / (1 + lam) = tanh(T / (2 tau)) in x.
     tau = float(answer.tau_leak_s)
     plateau = answer.gate_clocks * math.tanh(1 / float(f_clk) / (2 * tau))
     part = float(limit("leak_plateau_lsb")) / answer.gate_clocks
     tau_min = 1 / float(f_clk) / (2 * math.atanh(part)) if part < 1 else 0.0
-    more_gain = None
-    if tau_min:
-        more_gain = {"gain_dc": _at_least(tau_min / float(source_ohm * answer.c_int_f * scale))}
+    more_gain = {"gain_dc": _at_least(tau_min / float(source_ohm * c_int))} if tau_min else None
     row("leak_plateau_lsb", plateau, f"R_leak C = {tau:.4g} s, at least {tau_min:.4g} s", more_gain)
 
     kt = K_BOLTZMANN_J_PER_K * base.ambient.temperature_k
-    packet = float(charge * scale)
-    noise = math.sqrt(kt * float(answer.c_int_f * scale)) / packet
+    noise = math.sqrt(kt * float(c_int)) / packet
     c_quiet = (float(limit("kt_c_lsb")) * packet) ** 2 / kt / float(scale)
     quiet: Changes = {"c_int_f": _at_most(c_quiet), "packet_v": None}
     if targets.k is None and targets.i0_a is None:
@@ -549,8 +534,7 @@ def calc_command(write: bool, **values: Any) -> None:
         raise click.exceptions.Exit(1)
 
 
-_KINDS = {"rows": int, "cols": int, "bits": int, "k": int, "gate_clocks": int}
 for _name, _about in Targets.model_fields.items():
-    _kind = click.Choice(design_module.TOPOLOGIES) if _name == "topology" else _KINDS.get(_name, float)
+    _kind = click.Choice(design_module.TOPOLOGIES) if _name == "topology" else get_args(_about.annotation)[0]
     _help = f"{_about.description[0].upper()}{_about.description[1:]}."
     click.option(f"--{_name.replace('_', '-')}", _name, type=_kind, help=_help)(calc_command)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 from collections.abc import Mapping, Sequence
 
 import click
@@ -27,10 +26,11 @@ from dermis.report import progress, verdict
 from dermis.scene import design as design_module
 from dermis.scene import scene
 from dermis.scene.design import ROOT
+from scripts import markdown
 from scripts.characterise import benches, runs
 from scripts.characterise.benches import BENCHES, Condition
 from scripts.judged import finish
-from scripts.schematics.command import Subckt, written
+from scripts.schematics.command import DEVICES, Subckt, written
 
 Floats = NDArray[np.float64]
 
@@ -129,14 +129,15 @@ def ratio(condition: Condition, k: int) -> dict[str, float]:
         at = transitions(made, k) / step_s(k)
         one = at if one is None else one
         gain, offset = line(at)
-        raw, after = static(at, noise_lsb), static(decoded(made, k, at, one), noise_lsb)
+        inl_raw, dnl_raw, enob_raw = static(at, noise_lsb)
+        inl, dnl, enob = static(decoded(made, k, at, one), noise_lsb)
         told = {
             "offset_lsb": offset,
             "gain_error": gain - 1.0,
-            "inl_raw_lsb": raw[0],
-            "inl_decoded_lsb": after[0],
+            "inl_raw_lsb": inl_raw,
+            "inl_decoded_lsb": inl,
         }
-        told |= {"dnl_lsb": max(raw[1], after[1]), "enob_raw": raw[2], "enob": after[2]}
+        told |= {"dnl_lsb": max(dnl_raw, dnl), "enob_raw": enob_raw, "enob": enob}
         found |= {f"chip.{name}.{load}.k{k}": value for name, value in told.items()}
     return found
 
@@ -163,17 +164,17 @@ def area_um2(text: Mapping[str, Subckt], name: str, given: Mapping[str, float] |
     for key, said in text[name].parameters.items():
         values[key] = (given or {}).get(key, float(eval(said, {}, values)))  # a formula of the netlist
     total = 0.0
-    for words, pairs in text[name].elements.values():
-        device = words[-1]
+    for (*_, device), pairs in text[name].elements.values():
         sizes = {key: float(eval(said, {}, values)) for key, said in pairs.items() if key != "rs_int"}
-        if device in text and not re.fullmatch(r"[np]mos(_lv)?", device):
+        if device in text and device not in DEVICES:
             total += area_um2(text, device, sizes)
         elif "diode" in device:
             total += sizes["area"] * 1e-12
         else:
-            sizes = {
-                k: float(v) for k, v in (text[device].parameters if device in text else {}).items()
-            } | sizes
+            usual = (
+                {key: float(said) for key, said in text[device].parameters.items()} if device in text else {}
+            )
+            sizes = usual | sizes
             total += sizes["w"] * sizes["l"] * sizes.get("k", sizes.get("m", 1.0))
     return total
 
@@ -201,10 +202,8 @@ def rows_of(values: Mapping[str, Mapping[str, float]]) -> list[verdict.Row]:
         numbers, (_, unit) = list(found.values()), WORDS[name.split(".")[1]]
         worst = min(found, key=lambda at: found[at] if unit == "bit" else -abs(found[at]))
         row = verdict.measured(name, found[worst], unit, f"at {worst}")
-        rows.append(
-            row
-            | {"least": f"{min(numbers):.3g}", "typical": f"{numbers[0]:.3g}", "most": f"{max(numbers):.3g}"}
-        )
+        ends = {"least": min(numbers), "typical": numbers[0], "most": max(numbers)}
+        rows.append(row | {end: f"{number:.3g}" for end, number in ends.items()})
     return rows
 
 
@@ -214,18 +213,15 @@ def table(rows: Sequence[verdict.Row]) -> str:
     for row in rows:
         _, figure, *load = row["name"].split(".")
         k = load.pop() if load and load[-1][0] == "k" else f"k{sky130.MIRROR_RATIOS[-2]}"
-        low, high = ("" if row[side] is None else f"{row[side]:g}" for side in ("min", "max"))
-        limit = f"{low} .. {high}" if low or high else ""
-        line = cells.setdefault((figure, load[0] if load else ""), {"limit": limit})
+        limit = {"limit": markdown.limits(row["min"], row["max"])}
+        line = cells.setdefault((figure, load[0] if load else ""), limit)
         line[k] = f"{row['typical']} ({row['least']} .. {row['most']})"
-    lines = [
-        "| quantity | pressed | k = 20 | 40 | 80 | 160 | limit | unit |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    lines = []
     for (figure, load), line in sorted(cells.items(), key=lambda item: list(WORDS).index(item[0][0])):
         values = [line.get(f"k{k}", "") for k in sky130.MIRROR_RATIOS]
-        lines.append(f"| {' | '.join((WORDS[figure][0], load, *values, line['limit'], WORDS[figure][1]))} |")
-    return "\n".join(lines)
+        lines.append((WORDS[figure][0], load, *values, line["limit"], WORDS[figure][1]))
+    head = ("quantity", "pressed", "k = 20", "40", "80", "160", "limit", "unit")
+    return markdown.table(head, lines)
 
 
 @click.command("datasheet")
@@ -236,16 +232,14 @@ def datasheet_command(docs: bool) -> int:
     with progress.slots("datasheet", len(CONDITIONS), "conditions") as tell:
         for done, at in enumerate(CONDITIONS, 1):
             ratios = sky130.MIRROR_RATIOS if at.corner in ("tt", "ss", "ff") else (80,)
-            for name, value in [pair for k in ratios for pair in ratio(at, k).items()] + list(
-                whole(at).items()
-            ):
-                values.setdefault(name, {})[at.at] = value
+            for found in (*(ratio(at, k) for k in ratios), whole(at)):
+                for name, value in found.items():
+                    values.setdefault(name, {})[at.at] = value
             tell(done)
     values["chip.area_mm2"] = {CONDITIONS[0].at: 1e-6 * area_um2(written(), "dermis_analog_front_end")}
     rows = rows_of(dict(sorted(values.items())))
-    code = finish(
-        "datasheet", rows, "The chip in transistors: a taxel alone (taxel), 16 of a row alike (row)"
-    )
+    title = "The chip in transistors: a taxel alone (taxel), 16 of a row alike (row)"
+    code = finish("datasheet", rows, title)
     if docs:
         write_between(PAGE, BEGIN, END, table(rows))
         click.echo("written: docs/datasheet.md")

@@ -15,14 +15,16 @@ Task = Callable[[Callable[[int], None]], Result]
 """Reads something, and calls its argument with the number of row slots done."""
 
 
-def run(label: str, tasks: Mapping[str, tuple[int, Task[Result]]]) -> dict[str, Result | SimulatorError]:
-    """Run tasks, each with its row slots; return the result or the failure of each.
+def run(
+    label: str, tasks: Mapping[str, tuple[int, Task[Result]]], at_once: int | None = None
+) -> dict[str, Result | SimulatorError]:
+    """Run tasks, each with its row slots, all or some at once; return the result or the failure of each.
 
     Any other error ends all of them.
     """
     done = dict.fromkeys(tasks, 0)
     total = sum(slots for slots, _ in tasks.values())
-    with progress.slots(label, total) as show, children.threads(len(tasks)) as pool:
+    with progress.slots(label, total) as show, children.threads(at_once or len(tasks)) as pool:
 
         def one(name: str) -> Result | SimulatorError:
             def on_slots(slots: int) -> None:

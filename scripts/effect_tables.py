@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -114,38 +113,36 @@ def verilog(name: str) -> str:
     return ", ".join(built) or "in the input currents"
 
 
-def _table(head: list[str], rows: Iterator[list[str]]) -> str:
+def _table(head: list[str], rows: list[list[str]]) -> str:
     return markdown.table(head, ([cell.replace("|", "\\|") for cell in cells] for cells in rows)) + "\n"
 
 
 def meanings(design: Design | None = None) -> str:
     """Return the table of effects with meaning and parameters."""
 
-    def rows() -> Iterator[list[str]]:
-        for effect in EFFECTS.values():
-            absent = [t for t in TOPOLOGIES if t not in effect.topologies]
-            more = [f"not for {', '.join(absent)}"] if absent else []
-            more += [f"acts only with {' and '.join(effect.needs)}"] if effect.needs else []
-            more += ["random"] if effect.random else []
-            text = effect.meaning + (f" ({'; '.join(more)})" if more else "")
-            yield [f"`{effect.name}`", text, parameters(effect.name, design)]
-
-    return _table(["effect", "meaning", "parameters and defaults"], rows())
+    rows = []
+    for effect in EFFECTS.values():
+        absent = [t for t in TOPOLOGIES if t not in effect.topologies]
+        more = [f"not for {', '.join(absent)}"] if absent else []
+        more += [f"acts only with {' and '.join(effect.needs)}"] if effect.needs else []
+        more += ["random"] if effect.random else []
+        text = effect.meaning + (f" ({'; '.join(more)})" if more else "")
+        rows.append([f"`{effect.name}`", text, parameters(effect.name, design)])
+    return _table(["effect", "meaning", "parameters and defaults"], rows)
 
 
 def places(_: Design | None = None) -> str:
     """Return the table of effects with their record fields and their place in each engine."""
 
-    def rows() -> Iterator[list[str]]:
-        for name in EFFECTS:
-            written = ", ".join(f"`{record.capitalize()}.{field}`" for record, field in fields(name))
-            able = ["yes" if not engines.refused(sample(name), e) else NONE for e in ("closed", "event")]
-            sheet = all(record == "sensor" for record, _ in fields(name))
-            able += ["yes", "yes"] if sheet else [verilog(name), deck(name)]
-            yield [f"`{name}`", written, enters(name), *able]
-
+    rows = []
+    for name in EFFECTS:
+        written = ", ".join(f"`{record.capitalize()}.{field}`" for record, field in fields(name))
+        able = ["yes" if not engines.refused(sample(name), e) else NONE for e in ("closed", "event")]
+        sheet = all(record == "sensor" for record, _ in fields(name))
+        able += ["yes", "yes"] if sheet else [verilog(name), deck(name)]
+        rows.append([f"`{name}`", written, enters(name), *able])
     head = ["effect", "record fields", "enters", "closed", "event", "rtl: Verilog model", "cosim: SPICE deck"]
-    return _table(head, rows())
+    return _table(head, rows)
 
 
 def bounds(design: Design | None = None) -> str:
@@ -156,12 +153,8 @@ def bounds(design: Design | None = None) -> str:
         world = scene.load(scene.find(name), design)
         made = plan.make(scene.with_effects(world, everything, world.table.run.engine))
         found[name] = filter.largest(made.part(f := made.fullest_frame(), f + 1))
-
-    def rows() -> Iterator[list[str]]:
-        for effect in EFFECTS:
-            yield [f"`{effect}`", *(_bound(largest.get(effect)) for largest in found.values())]
-
-    return _table(["effect", *(f"{name} / LSB" for name in found)], rows())
+    rows = [[f"`{name}`", *(_bound(largest.get(name)) for largest in found.values())] for name in EFFECTS]
+    return _table(["effect", *(f"{name} / LSB" for name in found)], rows)
 
 
 def _bound(value: float | None) -> str:

@@ -21,10 +21,11 @@ from dermis.files import write_atomic
 from dermis.report import verdict
 from dermis.scene import design as design_module
 from dermis.scene import scene
-from dermis.scene.design import ROOT, Design, Limit, exact
+from dermis.scene.design import ROOT, Design, exact
 from scripts import calculator, effect_tables, first_picture, markdown, register_files, templates
 from scripts.judged import finish
 
+FRONT_END = "spice/sky130/dermis_analog_front_end.sp"
 ORIGIN = "Generated from models/design.toml; change it there and run: dermis generate"
 
 
@@ -32,13 +33,9 @@ def filled(design: Design) -> dict[str, str]:
     """Return Verilog header, SPICE parameters and netlists as ``{path: text}``."""
     rows, cols = design.array.rows, design.array.cols
     lateral = array_subckt(rows, cols, lateral_ohm="parameter", name="array_lateral", design=design)
+    paths = ("rtl/dermis_design.vh", "spice/design.inc", "spice/array/array.sp", FRONT_END)
     return templates.filled(
-        (
-            "rtl/dermis_design.vh",
-            "spice/design.inc",
-            "spice/array/array.sp",
-            "spice/sky130/dermis_analog_front_end.sp",
-        ),
+        paths,
         origin=ORIGIN,
         design=design,
         period_ps=round(10**12 / exact(design.converter.f_clk_hz)),
@@ -62,24 +59,19 @@ def design_table(design: Design, root: Path) -> str:
         for key, value in design.stored().items()
     )
     derived = ((f"`{key}`", f"{value:.9g}") for key, value in design.derived().items())
-    tables = (
-        markdown.table(("name", "value", "from", "reason"), stored),
-        markdown.table(("derived", "value"), derived),
-    )
-    return "\n\n".join(tables)
+    values = markdown.table(("name", "value", "from", "reason"), stored)
+    return f"{values}\n\n{markdown.table(('derived', 'value'), derived)}"
 
 
 def limits_table(_design: Design, root: Path) -> str:
     """Return the table of limits for docs/numbers.md."""
 
-    def row(name: str, limit: Limit) -> tuple[str, ...]:
+    rows = []
+    for name, limit in design_module.load_spec(root / "models" / "spec.toml").items():
         low, high = ("" if v is None else f"{v:.9g}" for v in (limit.min, limit.max))
-        gates = "yes" if limit.gate else "no"
-        return (f"`{name}`", low, high, limit.unit, gates, _cell(limit.conditions), f"`{limit.command}`")
-
-    limits = design_module.load_spec(root / "models" / "spec.toml")
-    head = ("limit", "min", "max", "unit", "gates", "conditions", "measured by")
-    return markdown.table(head, (row(*item) for item in limits.items()))
+        gates, conditions = "yes" if limit.gate else "no", _cell(limit.conditions)
+        rows.append((f"`{name}`", low, high, limit.unit, gates, conditions, f"`{limit.command}`"))
+    return markdown.table(("limit", "min", "max", "unit", "gates", "conditions", "measured by"), rows)
 
 
 def range_table(design: Design, _root: Path) -> str:
@@ -139,9 +131,8 @@ def _with_tables(path: str, text: str, design: Design, root: Path) -> str:
     for name, make in TABLES[path].items():
         begin, end = f"<!-- begin: {name} (written by dermis generate) -->", f"<!-- end: {name} -->"
         if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-            raise InputError(
-                path, f"table {name}", "(its markers)", f"once each, in this order: {begin} {end}"
-            )
+            allowed = f"once each, in this order: {begin} {end}"
+            raise InputError(path, f"table {name}", "(its markers)", allowed)
         head, rest = text.split(begin)
         tail = rest.split(end)[1]
         text = f"{head}{begin}\n{make(design, root)}\n{end}{tail}"
@@ -164,9 +155,8 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
     """
     design = design_module.load(root / "models" / "design.toml")
     period_ns = float(10**9 / exact(design.converter.f_clk_hz))
-    files = (
-        filled(design) | register_files.files(design, root) | {first_picture.PATH: first_picture.svg(design)}
-    )
+    files = filled(design) | register_files.files(design, root)
+    files[first_picture.PATH] = first_picture.svg(design)
     for path in (*PERIODS, *TABLES):
         text = _read(root / path)
         if text is None:
@@ -176,9 +166,8 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
             continue
         found = list(re.finditer(PERIODS[path], text))
         if len(found) != 1:
-            raise InputError(
-                path, "clock period", f"{len(found)} places", "one that matches " + PERIODS[path]
-            )
+            allowed = "one that matches " + PERIODS[path]
+            raise InputError(path, "clock period", f"{len(found)} places", allowed)
         files[path] = text[: found[0].start(1)] + repr(period_ns) + text[found[0].end(1) :]
     return files
 
@@ -212,14 +201,11 @@ def drift(root: Path = ROOT, lines: int = 12) -> dict[str, str]:
 
 def check(root: Path = ROOT) -> list[verdict.Row]:
     """Return one verdict row per generated file: 0 if up to date, else 1 with the difference."""
-    return [
-        verdict.judge(
-            f"generate.drift_files.{re.sub(r'[/.]', '_', path)}",
-            int(bool(said)),
-            f"{path}: {said}" if said else path,
-        )
-        for path, said in drift(root).items()
-    ]
+    rows = []
+    for path, said in drift(root).items():
+        name, note = f"generate.drift_files.{re.sub(r'[/.]', '_', path)}", f"{path}: {said}" if said else path
+        rows.append(verdict.judge(name, int(bool(said)), note))
+    return rows
 
 
 @click.command("generate")

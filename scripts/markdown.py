@@ -17,6 +17,12 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]], rule: str = "---")
     return "\n".join([*lines, *(f"| {' | '.join(cells)} |" for cells in rows)])
 
 
+def limits(low: float | None, high: float | None) -> str:
+    """Return the cell of two limits, empty without any."""
+    said = ("" if limit is None else f"{limit:g}" for limit in (low, high))
+    return " .. ".join(said).strip() if (low, high) != (None, None) else ""
+
+
 def rows_table(rows: Iterable[Row]) -> str:
     """Return verdict rows as Markdown."""
     lines = []

@@ -126,15 +126,10 @@ class _Quoting(MessagePrinter):
 
 def parameters(design: Design) -> dict[str, int]:
     """Return the parameters of the map for a design."""
-    return {
-        "ROWS": design.array.rows,
-        "COLS": design.array.cols,
-        "CODE_BITS": design.timing.code_bits,
-        "GATE_CLOCKS": design.timing.gate_clocks,
-        "SETTLE_CLOCKS": design.timing.settle_clocks,
-        "BREAK_CLOCKS": design.timing.break_clocks,
-        "RANGE_INDEX": design.interface.k_options.index(design.interface.k),
-    }
+    values = {"ROWS": design.array.rows, "COLS": design.array.cols}
+    for name in ("code_bits", "gate_clocks", "settle_clocks", "break_clocks"):
+        values[name.upper()] = getattr(design.timing, name)
+    return values | {"RANGE_INDEX": design.interface.k_options.index(design.interface.k)}
 
 
 def entries(design: Design, root: Path) -> list[Entry]:
@@ -188,9 +183,7 @@ def _part(field: FieldNode, lanes: str, lane_bits: str) -> Part:
 
 
 def _constants(found: list[Entry]) -> Iterator[tuple[str, str]]:
-    """Yield name and value of each address, mask and shift; a field over the whole word has no
-    mask.
-    """
+    """Yield name and value of each address, mask and shift; a field over the whole word has no mask."""
     yield from ((entry.name, f"0x{entry.address:02X}") for entry in found)
     for part in (part for entry in found for part in entry.parts):
         if part.width < WORD_BITS and not part.lanes:

@@ -82,10 +82,9 @@ def frame_file_case(
 
     def write(chosen: Any) -> None:
         stimulus = {"kind": "frames", "file": str(path.resolve()), "unit": unit, "select": chosen}
-        if key is not None:
-            stimulus["key"] = key
-        array = {"rows": rows, "cols": cols}
+        stimulus |= {} if key is None else {"key": key}
         title = "".join(c for c in f"Frames of {path.name}" if c.isprintable())
+        array = {"rows": rows, "cols": cols}
         write_atomic(scene, tomli_w.dumps({"title": title, "array": array, "stimulus": stimulus}))
 
     if select == "spread":
@@ -111,10 +110,8 @@ def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Ro
     rows = compare(made, result, case.name, expected)
     if case.record:
         _, v_int = waves.integrator_waves(result.info["records"][0], made.cols)
-        swing = float(np.ptp(v_int, axis=1).max())
-        rows.append(
-            verdict.report(f"frame.integrator_swing_v.{case.name}", swing, "V", "largest of the columns")
-        )
+        name, swing = f"frame.integrator_swing_v.{case.name}", float(np.ptp(v_int, axis=1).max())
+        rows.append(verdict.report(name, swing, "V", "largest of the columns"))
     result.info["check_cpu_s"] = cpu_time.cpu_used_s() - begin
     chip = f"{case.simulator}, {'flip-flop + latch' if case.sync_latch else 'flip-flop + flip-flop'}"
     for row in rows:
@@ -137,12 +134,10 @@ def draw_indenters() -> None:
     for shape, colour, marker in zip(INDENTERS, figures.COLOURS, "os^", strict=False):
         case = f"{shape}_indenter"
         made = plan.load(SCENES / f"{case}.toml", "cosim")
-        assert made.force_n is not None
         codes = np.load(OUT / case / "codes.npy")[0, made.rows // 2]
         upper.plot(codes, marker=marker, color=colour, label=shape, lw=1.2, mfc="none")
-        profile.step(
-            np.arange(codes.size), made.force_n[0, made.rows // 2], where="mid", color=colour, lw=1.4
-        )
+        force = made.force_n[0, made.rows // 2]
+        profile.step(np.arange(codes.size), force, where="mid", color=colour, lw=1.4)
     upper.legend(frameon=False, fontsize=9, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     upper.set_ylabel("(a)  code of the chip")
     profile.set(xlabel="taxel of the line", ylabel="(b)  force on the taxel / N")
@@ -156,21 +151,19 @@ def draw_indenters() -> None:
 def run(cases: list[Case]) -> tuple[list[Row], bool]:
     """Run cases in parallel; return the rows in order, and True if a simulator failed."""
     plans = {case.name: plan.load(case.scene, "cosim") for case in cases}
-    for made in plans.values():
-        engines.check(made)
-    tasks = {
-        case.name: (made.frames * made.rows, partial(run_case, case, made))
-        for case, made in zip(cases, plans.values(), strict=True)
-    }
+    tasks: dict[str, tuple[int, cosims.Task[list[Row]]]] = {}
+    for case in cases:
+        engines.check(made := plans[case.name])
+        tasks[case.name] = made.frames * made.rows, partial(run_case, case, made)
     with contextlib.ExitStack() as places:
         for case in cases:
             places.enter_context(output.place(OUT / case.name))
         read = cosims.run("reading the array", tasks)
-    failed = {name for name, found in read.items() if isinstance(found, SimulatorError)}
     rows: list[Row] = []
     for name, found in read.items():
-        rows += [verdict.error(f"frame.code_error_lsb.{name}", str(found))] if name in failed else found
-    return rows, bool(failed)
+        failed = isinstance(found, SimulatorError)
+        rows += [verdict.error(f"frame.code_error_lsb.{name}", str(found))] if failed else found
+    return rows, any(isinstance(found, SimulatorError) for found in read.values())
 
 
 @click.command("sim", context_settings=SHOW)
@@ -186,23 +179,14 @@ def run(cases: list[Case]) -> tuple[list[Row], bool]:
 @click.option("--cols", type=click.IntRange(1, 256), default=16, help="Columns of a frame of the file.")
 @click.option("--only", multiple=True, help="Only this case (repeatable).")
 @click.option("--docs", is_flag=True, help="Also redraw the figures in docs/figures.")
-def sim_command(
-    frames: Path | None,
-    select: str,
-    unit: str,
-    key: str | None,
-    rows: int,
-    cols: int,
-    only: tuple[str, ...],
-    docs: bool,
-) -> int:
+def sim_command(frames: Path | None, only: tuple[str, ...], docs: bool, **of_file: Any) -> int:
     """Run whole frames through the Verilog and ngspice; judge every code.
 
     Results, figures and waves are in build/sim/CASE, the table in build/sim.json.
     """
     cases = list(CASES)
     if frames is not None:
-        cases.append(frame_file_case(frames, select, unit, key, rows, cols))
+        cases.append(frame_file_case(frames, **of_file))
     known = {case.name: case for case in cases}
     if unknown := [name for name in only if name not in known]:
         raise InputError("command line", "--only", unknown[0], f"one of {', '.join(known)}")

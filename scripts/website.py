@@ -79,10 +79,8 @@ def measured() -> dict[str, Measured]:
 
 def row(found: Mapping[str, Measured], name: str, meaning: str) -> str:
     """Return a measured row of the datasheet with its file and command, or the rows below a name."""
-    rule, limit = designs.spec().get(name) or designs.spec().get(name.rpartition(".")[0]), ""
-    if rule is not None:
-        low, high = ("" if v is None else f"{v:g}" for v in (rule.min, rule.max))
-        limit = f"{low} .. {high}".strip()
+    rule = designs.spec().get(name) or designs.spec().get(name.rpartition(".")[0])
+    limit = markdown.limits(rule.min, rule.max) if rule else ""
     command = f"`{rule.command if rule else _COMMANDS[name.partition('.')[0]]}`"
     below = {k: r for k, r in found.items() if k == name or k.startswith(f"{name}.")}
     below = {name: below[name]} if name in below else below
@@ -129,8 +127,7 @@ def timing_diagram(design: Design, path: Path) -> None:
 
     timing, clock = design.timing, design.converter.f_clk_hz
     breaks, settle, slot = timing.break_clocks, timing.settle_clocks, timing.slot_clocks
-    # The break is a clock of hundreds: it is drawn wider.
-    shown = max(breaks, 12)
+    shown = max(breaks, 12)  # the break is a clock of hundreds, and is drawn wider
     nets = {
         "row_select_o[n]": [(shown, slot)],
         "preset_o": [(0, settle)],
@@ -246,8 +243,6 @@ def schematic_pages(source: Path) -> None:
 SHORTENED = ("benchmarks", "characterise", "equivalence", "synthesis")
 """Pages of results whose long tables are cut on the site; all rows go into a csv file."""
 SHOWN_ROWS = 10
-
-
 WRITTEN = re.compile(r"<!-- begin: .*?<!-- end: ", re.S)
 """Tables that a command wrote into a page; the other tables are part of the text."""
 TABLE = re.compile(r"^\|.*\n\|[-:| ]+\|\n(?:\|.*\n)+", re.M)
@@ -259,12 +254,9 @@ def shorten_tables(source: Path) -> None:
     for name in SHORTENED:
         page = source / f"{name}.md"
         text = page.read_text(encoding="utf-8")
-        long = [
-            table[0]
-            for part in WRITTEN.findall(text)
-            for table in TABLE.finditer(part)
-            if table[0].count("\n") > SHOWN_ROWS + 4  # two lines of header; a table with two rows more stays
-        ]
+        tables = [table for part in WRITTEN.findall(text) for table in TABLE.findall(part)]
+        # Two lines are the header; a table with two rows more stays.
+        long = (table for table in tables if table.count("\n") > SHOWN_ROWS + 4)
         for number, table in enumerate(long, 1):
             text = text.replace(table, _shortened(table, source, f"tables/{name}_{number}.csv"))
         page.write_text(text, encoding="utf-8")
@@ -273,9 +265,7 @@ def shorten_tables(source: Path) -> None:
 def _shortened(table: str, source: Path, file: str) -> str:
     head, rule, *rows = table.rstrip("\n").split("\n")
     with (source / file).open("w", encoding="utf-8", newline="") as out:
-        csv.writer(out).writerows(
-            [cell.strip().strip("`") for cell in _cells(line)] for line in (head, *rows)
-        )
+        csv.writer(out).writerows([cell.strip(" `") for cell in _cells(line)] for line in (head, *rows))
     missed = [row for row in rows if {"FAIL", "ERROR"} & {cell.strip() for cell in _cells(row)}]
     shown = [*missed, *(row for row in rows if row not in missed)][:SHOWN_ROWS]
     first = f", the {len(missed)} missed limits first" if missed else ""
@@ -287,10 +277,9 @@ def _cells(line: str) -> list[str]:
     return re.split(r"(?<!\\)\|", line.strip().strip("|"))
 
 
-def write_source(source: Path | None = None) -> None:
-    """Copy docs/ and add the generated pages and tables."""
-    source = SOURCE if source is None else source
-    design = designs.load()
+def write_source() -> None:
+    """Copy docs/ to SOURCE and add the generated pages and tables."""
+    design, source = designs.load(), SOURCE
     shutil.rmtree(source, ignore_errors=True)
     shutil.copytree(ROOT / "docs", source)
     demo_page(source)

@@ -57,7 +57,6 @@ class Bench:
     values: Values
     units: Mapping[str, str]  # quantity -> SI unit, of everything that `values` gives
     samples: bool = False  # mismatch moves its quantities, so it takes part in Monte Carlo
-    limit_s: float = 150.0  # wall clock of one attempt of ngspice
     trtol: float = 7.0  # ngspice's factor on the truncation error that a step may have; its own is 7
 
 
@@ -91,11 +90,8 @@ def deck(body: str, condition: Condition, options: str = "", blocks: Path | None
 
 def _finds(places: Sequence[float], nets: Mapping[str, str]) -> str:
     """Return a `.meas` for each net at each place of a sweep, named by net and number of place."""
-    return "\n".join(
-        f".meas dc {name}{n} find {net} at={place:.9g}"
-        for n, place in enumerate(places)
-        for name, net in nets.items()
-    )
+    found = ((n, place, name, net) for n, place in enumerate(places) for name, net in nets.items())
+    return "\n".join(f".meas dc {name}{n} find {net} at={place:.9g}" for n, place, name, net in found)
 
 
 def _lsb(current_a: float) -> float:
@@ -112,10 +108,8 @@ def reference(found: Found) -> dict[str, float]:
 
 
 def _reference_step_body() -> str:
-    lines = (
-        f"xout{n} gate cp line{n} vdd bias_output\nxline{n} line{n} vdd vss bias_line" for n in range(17)
-    )
-    return body("reference_step", outputs="\n".join(lines))
+    line = "xout{0} gate cp line{0} vdd bias_output\nxline{0} line{0} vdd vss bias_line"
+    return body("reference_step", outputs="\n".join(line.format(n) for n in range(17)))
 
 
 def reference_step(found: Found) -> dict[str, float]:
@@ -178,19 +172,12 @@ ORDERS = {
 def _sequencing_body(ramp_s: float) -> str:
     times = {"ramp": ramp_s, "late": 2 * ramp_s, "end": 3 * ramp_s, "step": ramp_s / 50, "stop": 4 * ramp_s}
     given = {name: f"{value:.9g}" for name, value in times.items()}
-    ways = "".join(
-        body(
-            "sequencing_way",
-            order=f"{order}_{wanted}",
-            analog=analog,
-            digital=digital,
-            wanted=wanted,
-            **given,
-        )
+    ways = [
+        {"order": f"{order}_{wanted}", "analog": analog, "digital": digital, "wanted": wanted}
         for order, (analog, digital) in ORDERS.items()
         for wanted in (0, 1)
-    )
-    return body("sequencing", ways=ways, **given)
+    ]
+    return body("sequencing", ways="".join(body("sequencing_way", **way, **given) for way in ways), **given)
 
 
 def sequencing(found: Found, ramp: str) -> dict[str, float]:
@@ -432,9 +419,8 @@ def settling(found: Found, side: str) -> dict[str, float]:
 def _channel_body(topology: str) -> str:
     integrator = "xdut.v_int" if topology == "direct" else "xdut.xvfc.v_int"
     ratio = "vk0 logic_k0 0 0\nvk1 logic_k1 0 1\n" if topology == "switched" else ""  # k = 80
-    return ratio + body(
-        "channel", topology=topology, integrator=integrator, pins="d_k0 d_k1" if ratio else ""
-    )
+    pins = "d_k0 d_k1" if ratio else ""
+    return ratio + body("channel", topology=topology, integrator=integrator, pins=pins)
 
 
 def channel(found: Found, topology: str) -> dict[str, float]:
@@ -466,25 +452,19 @@ def front_end(found: Found) -> dict[str, float]:
     packet_v = found["after"] - found["before"] + fast_v
     fast_a, slow_a = (volts / packet_v * 5e-12 / 0.4e-6 for volts in (fast_v, slow_v))
     test_a = 0.55e-3 + 2 * load().calibration.i_test_a * poly(27.0) / poly(found["celsius"])
-    outputs = [
-        (name.partition("_")[0], value)
-        for name, value in found.items()
-        if "_sense" in name or "_comp" in name
-    ]
+    outputs = [name for name in found if "_sense" in name or "_comp" in name]
     return {
         "front_end_error.fast": fast_a / ((bias_v / 1e3 + pedestal_a) / 80) - 1.0,
         "front_end_error.slow": slow_a / ((bias_v / 10e3 + pedestal_a) / 40) - 1.0,
         "front_end_error.packet": packet_v - 1.0,
         "front_end_error.test": -found["i_test"] / (test_a * bias_v / 0.5) - 1.0,
-        "front_end_output_v": max(abs(value - found[level]) for level, value in outputs),
+        "front_end_output_v": max(abs(found[name] - found[name.partition("_")[0]]) for name in outputs),
         "front_end_off_a": max(abs(found["i_off"]), abs(found["i_down"])),
         "front_end_on_a": found["i_on"],
     }
 
 
 # ---- supply --------------------------------------------------------------------------------------------------
-
-SUPPLY_BLOCKS = body("supply_blocks")
 
 
 def supply(found: Found, topology: str) -> dict[str, float]:
@@ -501,10 +481,8 @@ def supply(found: Found, topology: str) -> dict[str, float]:
 
 
 def _supply_rejection_body() -> str:
-    columns = "".join(
-        body("supply_rejection_column", load=load, held=held)
-        for load, held in (("one", "1g"), ("all", "33.333"))
-    )
+    loads = (("one", "1g"), ("all", "33.333"))
+    columns = "".join(body("supply_rejection_column", load=load, held=held) for load, held in loads)
     sources = ("vdd", "vdd_d", "vss", "vref", "vb")
     analyses = "".join(body("supply_rejection_source", source=source) for source in sources)
     return body("supply_rejection", columns=columns, analyses=analyses)
@@ -512,13 +490,11 @@ def _supply_rejection_body() -> str:
 
 def supply_rejection(found: Found) -> dict[str, float]:
     """Return codes a millivolt on each supply, of mid-rail against ground, and on both references."""
-    loads = ("one", "all")
     return {
-        **{
-            f"supply_rejection.{name}": max(found[f"{name}_{load}"] for load in loads)
-            for name in ("vdd", "vdd_d")
-        },
-        **{f"mid_rail_rejection.{load}": found[f"vss_{load}_gate"] for load in loads},
+        "supply_rejection.vdd": max(found["vdd_one"], found["vdd_all"]),
+        "supply_rejection.vdd_d": max(found["vdd_d_one"], found["vdd_d_all"]),
+        "mid_rail_rejection.one": found["vss_one_gate"],
+        "mid_rail_rejection.all": found["vss_all_gate"],
         "reference_gain.vref": found["vref_one_slow"],
         "reference_gain.vbias": found["vb_one_slow"],
     }
@@ -614,7 +590,7 @@ _ALL = (
         _bench(f"supply_{name}", partial(supply, topology=name), body("supply", topology=name))
         for name in TOPOLOGIES
     ),
-    _bench("supply_blocks", supply_blocks, SUPPLY_BLOCKS),
+    _bench("supply_blocks", supply_blocks),
     _bench("supply_rejection", supply_rejection, _supply_rejection_body()),
     _noise("full", noise_body("ix", body("noise_taxel", k=80, i="1m", r="500"))),
     _noise("low", noise_body("ix", body("noise_taxel", k=80, i="7.8u", r="64.25k"))),

@@ -19,24 +19,19 @@ _NUMERICS = "numerics_lsb."
 
 def chosen(only: Sequence[str]) -> list[str]:
     """Return the benches of `--only`: names of benches, or of quantities with or without `sky130.`."""
+    known: dict[str, list[str]] = {}
+    for name, bench in BENCHES.items():
+        for quantity in (*bench.units, *results.EVERY, *(f"{_NUMERICS}{name}.{way}" for way in NUMERICS)):
+            known.setdefault(quantity, []).append(name)
+    known |= {whole: [name for part in parts for name in known[part]] for whole, parts in SUMS.items()}
     names: list[str] = []
     for word in only:
         wanted = quantity_of(word)
-        solved = wanted.split(".")[1] if wanted.startswith(_NUMERICS) else ""
-        quantities = [
-            wanted,
-            *(part for sum_, parts in SUMS.items() if _covers(wanted, sum_) for part in parts),
-        ]
-        found = [
-            name
-            for name, bench in BENCHES.items()
-            if name in (word, solved)
-            or wanted in results.EVERY
-            or any(_covers(q, own) for q in quantities for own in bench.units)
-        ]
+        found = [word] if word in BENCHES else []
+        found += [name for quantity, own in known.items() if _covers(wanted, quantity) for name in own]
         if not found:
-            known = sorted({q.partition(".")[0] for b in BENCHES.values() for q in (*b.units, *SUMS)})
-            raise InputError("command line", "--only", word, f"{' '.join(BENCHES)}; or {' '.join(known)}")
+            groups = sorted({quantity.partition(".")[0] for quantity in known})
+            raise InputError("command line", "--only", word, f"{' '.join(BENCHES)}; or {' '.join(groups)}")
         names += found
     return list(dict.fromkeys(names)) if only else list(BENCHES)
 

@@ -17,6 +17,7 @@ from dermis.report import verdict
 from dermis.report.figures import BLUE, GREEN, GREY, ORANGE, RED, save
 from dermis.report.output import machine_line
 from dermis.scene.design import ROOT
+from scripts import markdown
 from scripts.characterise import benches
 from scripts.characterise.benches import BENCHES
 from scripts.characterise.results import Series
@@ -54,18 +55,16 @@ def table(found: Sequence[Series], runs: Runs) -> str:
         f"{climbed} needed a further rung of the ladder, {failed} ended as ERROR. "
         "A row again: `dermis characterise --only sky130.ROW` and what stands under *worst*.",
         "",
-        "| row | least | typical | most | limit | unit | status | worst |",
-        "|---|--:|--:|--:|---|---|---|---|",
     ]
+    rows = []
     for one in found:
         row, values = one.row(), one.values.values()
         numbers = (min(values, default=None), one.typical, max(values, default=None))
         cells = ["" if number is None else f"{number:.3g}" for number in numbers]
-        low, high = ("" if row[side] is None else f"{row[side]:g}" for side in ("min", "max"))
-        cells += [f"{low} .. {high}" if low or high else "", row["unit"], row["status"]]
-        worst = f"`{one.worst}`" if values else ""
-        lines.append(f"| {one.name} | " + " | ".join([*cells, worst]) + " |")
-    return "\n".join(lines)
+        cells += [markdown.limits(row["min"], row["max"]), row["unit"], row["status"]]
+        rows.append([one.name, *cells, f"`{one.worst}`" if values else ""])
+    head = ("row", "least", "typical", "most", "limit", "unit", "status", "worst")
+    return "\n".join([*lines, markdown.table(head, rows, "---|--:|--:|--:|---|---|---|---")])
 
 
 def _corner_lines(

@@ -24,7 +24,7 @@ from pathlib import Path
 from dermis.chip import spice_batch
 from dermis.chip.netlist import OPTIONS_TRANSISTORS
 from dermis.chip.sky130 import CORNERS, PASSIVE_CORNERS
-from dermis.errors import InputError, SimulatorError, one_line
+from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
 from dermis.lockstep import ladder
 from dermis.scene.design import ROOT
@@ -35,6 +35,8 @@ KEPT = ROOT / "build" / "characterise" / "kept"
 FAILED = ROOT / "build" / "characterise" / "failed"
 """Decks and logs of failed runs."""
 
+LIMIT_S = 150.0
+"""Wall clock of one attempt of ngspice."""
 START = ladder.Level(start=1)
 """Newton's method by itself finds the operating point of none of these decks: it is not tried first."""
 
@@ -81,13 +83,13 @@ def resolved(text: str) -> str:
     """
     own: list[str] = []
     circuits: dict[str, list[str]] = {}
-    inside: list[str] | None = None
+    inside = own
     for line in _lines(text, Path()):
         if found := _SUBCKT.match(line):
             inside = circuits[found[1].lower()] = []
-        (own if inside is None else inside).append(line)
+        inside.append(line)
         if _ENDS.match(line):
-            inside = None
+            inside = own
     reached: dict[str, list[str]] = {}
     waiting = [own]
     while waiting:
@@ -123,7 +125,7 @@ def keep(name: str, what: str, measured: Measured) -> None:
     write_atomic(KEPT / f"{name}.json", json.dumps(told, indent=1) + "\n")
 
 
-def simulate(text: str, limit_s: float, failed: Path | None = None) -> Measured:
+def simulate(text: str, limit_s: float = LIMIT_S, failed: Path | None = None) -> Measured:
     """Run a resolved deck without use of stored results; `limit_s` is for one attempt of ngspice.
 
     SimulatorError if ngspice gave it up on every rung, took too long or did not measure something;
@@ -143,13 +145,11 @@ def simulate(text: str, limit_s: float, failed: Path | None = None) -> Measured:
     return Measured(dict(found.values), rungs, time.monotonic() - start, dict(found.exceeded))
 
 
-def measured(
-    body: str, condition: Condition, limit_s: float = 150.0, options: str = "", blocks: Path | None = None
-) -> dict[str, float]:
+def measured(body: str, condition: Condition, blocks: Path | None = None) -> dict[str, float]:
     """Return the `.meas` of a bench at a condition, stored or from ngspice; arguments as of `deck`."""
-    text = resolved(deck(body, condition, options, blocks))
+    text = resolved(deck(body, condition, blocks=blocks))
     if (there := kept(key(text))) is None:
-        there = simulate(text, limit_s)
+        there = simulate(text)
         keep(key(text), f"{condition}", there)
     return dict(there.values)
 
@@ -211,27 +211,17 @@ class Outcome:
 
 def conditions(at: str | None = None) -> list[Condition]:
     """Return all conditions with nominal passives, or those of a text: "ss,-40,0.9", "ss_low,*,1"."""
-    corner, *numbers = (word.strip() for word in (at or "*,*,*").split(","))
     known = (*CORNERS, *PASSIVE_CORNERS)
+    allowed = f"corner,celsius,supply of {' '.join(known)}, -40 .. 125, 0.8 .. 1.2; * for all"
     try:
-        celsius, supplies = (
-            every if word == "*" else (float(word),)
-            for word, every in zip(numbers, (CELSIUS, SUPPLIES), strict=True)
-        )
-        good = corner in ("*", *known) and all(-40 <= c <= 125 for c in celsius)
-        good = good and all(0.8 <= s <= 1.2 for s in supplies)
+        corner, c, s = (word.strip() for word in (at or "*,*,*").split(","))
+        celsius, supplies = CELSIUS if c == "*" else (float(c),), SUPPLIES if s == "*" else (float(s),)
     except ValueError:
-        good = False
-    if not good:
-        allowed = f"corner,celsius,supply of {' '.join(known)}, -40 .. 125, 0.8 .. 1.2; * for all"
+        raise InputError("command line", "--at", at, allowed) from None
+    if corner not in ("*", *known) or not (-40 <= min(celsius) <= 125 and 0.8 <= min(supplies) <= 1.2):
         raise InputError("command line", "--at", at, allowed)
     corners = CORNERS if corner == "*" else (corner,)
     return [Condition(name, c, s) for name in corners for c in celsius for s in supplies]
-
-
-def passives() -> list[Condition]:
-    """Return the ends of resistors and capacitors, at nominal supply."""
-    return [Condition(corner, c) for corner in PASSIVE_CORNERS for c in CELSIUS]
 
 
 def jobs_of(
@@ -249,12 +239,13 @@ def jobs_of(
     if at is not None or sample is not None:
         places, ways, last = [TYPICAL] if at is None else conditions(at), ["", *ways], many or 0
         begin = places[0]
-        if sample is not None:
-            places = [replace(place, sample=sample) for place in places]
+        places = [replace(place, sample=sample) for place in places]
         jobs = [Job(name, place, way) for name in names for place in places for way in ways]
         numerics = []
     else:
-        places, begin = list(EXTREMES) if short else [*conditions(), *passives()], TYPICAL
+        # Resistors and capacitors are at their ends at nominal supply.
+        ends = [Condition(corner, celsius) for corner in PASSIVE_CORNERS for celsius in CELSIUS]
+        places, begin = list(EXTREMES) if short else [*conditions(), *ends], TYPICAL
         last = (SHORT_SAMPLES if short else SAMPLES) if many is None else many
         jobs = [Job(name, place) for place in places for name in names]
         numerics = [
@@ -305,24 +296,13 @@ class Runs:
         `progress` is called with the number of jobs done, of all.
         """
         todo = list(self.todo)
-        # The time limit of each attempt is ngspice's; that of the task is for a process that hangs.
-        tasks = (
-            workers.Task(_attempt, (self.todo[job], limit_s, FAILED), 100.0 * limit_s)
-            for job in todo
-            for limit_s in (BENCHES[job.bench].limit_s,)
-        )
+        # LIMIT_S is ngspice's own; the time limit of the task is for a process that hangs.
+        tasks = (workers.Task(simulate, (self.todo[job], LIMIT_S, FAILED), 100.0 * LIMIT_S) for job in todo)
         for number, done in workers.run(tasks, processes):
-            job, measured, fault = todo[number], *(done.value or (None, done.fault))
-            if measured is None:
-                self.outcomes[job] = Outcome({}, fault)
+            job = todo[number]
+            if done.fault:
+                self.outcomes[job] = Outcome({}, done.fault)
             else:
-                keep(key(self.todo[job]), f"{job.bench} at {job.condition}", measured)
-                self.outcomes[job] = outcome(job, measured)
+                keep(key(self.todo[job]), f"{job.bench} at {job.condition}", done.value)
+                self.outcomes[job] = outcome(job, done.value)
             progress(len(self.outcomes))
-
-
-def _attempt(text: str, limit_s: float, failed: Path) -> tuple[Measured | None, str]:
-    try:
-        return simulate(text, limit_s, failed), ""
-    except SimulatorError as error:
-        return None, one_line(str(error), 400)

@@ -21,6 +21,7 @@ from dermis.scene.design import load as load_design
 
 LIMIT_S = 60
 """Longest wait for a page or a script."""
+READY = "!!(window.demo && demo.firstCode)"
 
 # No network: the page needs none, and the browser must not look for updates.
 FLAGS = (
@@ -42,21 +43,14 @@ def missing() -> str | None:
 
 
 @contextlib.contextmanager
-def session(
-    width: int = 1440, height: int = 1000, dark: bool = False, home: Path | None = None
-) -> Iterator[Any]:
-    """Yield a WebDriver of a new Chromium; its files and processes end with the block.
-
-    `home` is the directory of downloads.
-    """
+def session() -> Iterator[Any]:
+    """Yield a WebDriver of a new Chromium; its files and processes end with the block."""
     from selenium import webdriver
 
     with tempfile.TemporaryDirectory(prefix="dermis_browser_") as scratch:
         options = webdriver.ChromeOptions()
-        for flag in (*FLAGS, f"--user-data-dir={scratch}/profile", f"--window-size={width},{height}"):
+        for flag in (*FLAGS, f"--user-data-dir={scratch}/profile", "--window-size=1440,1000"):
             options.add_argument(flag)
-        if home is not None:
-            options.add_experimental_option("prefs", {"download.default_directory": str(home)})
         options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
         options.binary_location = shutil.which("chromium") or ""
         service = webdriver.ChromeService(shutil.which("chromedriver"))
@@ -64,7 +58,7 @@ def session(
         try:
             driver.set_page_load_timeout(LIMIT_S)
             driver.set_script_timeout(LIMIT_S)
-            screen(driver, width, height, dark)
+            screen(driver, 1440, 1000, False)
             yield driver
         finally:
             driver.quit()
@@ -80,12 +74,22 @@ def screen(driver: Any, width: int, height: int, dark: bool) -> None:
 
 def visit(driver: Any, page: Path, fragment: str = "") -> None:
     """Open the page and wait for its first frame."""
-    from selenium.webdriver.support.ui import WebDriverWait
-
     driver.get("about:blank")  # a change of the fragment alone would not load the page
     driver.get(page.resolve().as_uri() + fragment)
-    WebDriverWait(driver, LIMIT_S).until(
-        lambda d: d.execute_script("return !!(window.demo && demo.firstCode)")
+    wait(driver, READY)
+
+
+def wait(driver: Any, condition: str) -> Any:
+    """Wait until an expression of JavaScript is true; return its value."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    return WebDriverWait(driver, LIMIT_S).until(lambda d: d.execute_script(f"return {condition}"))
+
+
+def call(driver: Any, name: str, frames: int) -> Any:
+    """Return the answer of a function of the page to a number of frames."""
+    return driver.execute_async_script(
+        f"const done = arguments[1]; demo.{name}(arguments[0]).then(done)", frames
     )
 
 
@@ -93,8 +97,7 @@ def wrong_codes(driver: Any, folder: Path, frames: int = 1) -> int:
     """Return the number of codes that differ between page and engine event for the saved scene."""
     scene = folder / "pressed.toml"
     scene.write_text(driver.execute_script("return demo.toml()"))
-    script = "const done = arguments[1]; demo.codes(arguments[0]).then(done)"
-    answer = driver.execute_async_script(script, frames)
+    answer = call(driver, "codes", frames)
     made = plan.load(scene, "event")
     codes = np.array(answer["codes"]).reshape(-1, made.rows, made.cols)[: made.frames]
     return int((codes != engines.run(made).codes[:frames]).sum()) + (0 if answer["good"] else codes.size)
@@ -129,9 +132,8 @@ def speed(driver: Any, clocks: int = 15_000_000) -> float:
     """Return frames per second by the clock."""
     design = load_design()
     frames = max(5, clocks // (design.array.rows * design.timing.slot_clocks))
-    script = "const done = arguments[1]; demo.bench(arguments[0]).then(done)"
-    driver.execute_async_script(script, frames // 5)  # the browser has compiled everything by then
-    return float(driver.execute_async_script(script, frames))
+    call(driver, "bench", frames // 5)  # the browser has compiled everything by then
+    return float(call(driver, "bench", frames))
 
 
 def measure(page: Path) -> list[Row]:

@@ -42,8 +42,6 @@ class Chip {
     }
   }
 
-  reset() { this.wasm.reset(); }
-
   // The latest answer on the SPI pins: its bytes, and what they say.
   answer() {
     const bytes = new Uint8Array(this.wasm.memory.buffer, this.wasm.answer(), this.wasm.answer_bytes()).slice();
@@ -71,25 +69,19 @@ class Chip {
   // The last `clocks` of the trace, oldest first.
   trace(clocks) {
     const {wasm, design} = this, length = wasm.trace_length(), end = wasm.clocks();
-    const all = wasm.memory.buffer, n = Math.min(clocks, length, end);
-    const v = new Float32Array(all, wasm.trace_v(), length * design.cols);
-    const comp = new Uint32Array(all, wasm.trace_comp(), length);
-    const charge = new Uint32Array(all, wasm.trace_charge(), length);
-    const row = new Uint8Array(all, wasm.trace_row(), length);
-    const preset = new Uint8Array(all, wasm.trace_preset(), length);
-    const out = {
-      end, v: new Float32Array(n * design.cols), comp: new Uint32Array(n), charge: new Uint32Array(n),
-      row: new Uint8Array(n), preset: new Uint8Array(n),
+    const n = Math.min(clocks, length, end), from = (end - n) % length, first = Math.min(n, length - from);
+    // Of a ring of `each` numbers a clock, the part up to its end and the part from its begin.
+    const part = (Kind, at, each = 1) => {
+      const ring = new Kind(wasm.memory.buffer, at, length * each), out = new Kind(n * each);
+      out.set(ring.subarray(from * each, (from + first) * each));
+      out.set(ring.subarray(0, (n - first) * each), first * each);
+      return out;
     };
-    for (let i = 0; i < n; i++) {
-      const at = (end - n + i) % length;
-      out.v.set(v.subarray(at * design.cols, (at + 1) * design.cols), i * design.cols);
-      out.comp[i] = comp[at];
-      out.charge[i] = charge[at];
-      out.row[i] = row[at];
-      out.preset[i] = preset[at];
-    }
-    return out;
+    return {
+      end, v: part(Float32Array, wasm.trace_v(), design.cols), comp: part(Uint32Array, wasm.trace_comp()),
+      charge: part(Uint32Array, wasm.trace_charge()), row: part(Uint8Array, wasm.trace_row()),
+      preset: part(Uint8Array, wasm.trace_preset()),
+    };
   }
 }
 
@@ -103,17 +95,9 @@ function crc16(bytes, from, to) {
   return crc;
 }
 
-// Bytes of a code, and of a slot of the frame: its number, the codes, the overflow bits (docs/spi.md).
-function codeBytes(design) {
-  return design.code_max > 255 ? 2 : 1;
-}
-function slotBytes(design) {
-  return 1 + design.cols * codeBytes(design) + Math.ceil(design.cols / 8);
-}
-
-// What an answer of the SPI says: token, length, header, slots, CRC (docs/spi.md).
+// What an answer of the SPI says: token, length, header, slots of number, codes and overflow bits, CRC (docs/spi.md).
 function parse(bytes, design) {
-  const head = 3, {rows, cols} = design, each = codeBytes(design), slot = slotBytes(design);
+  const head = 3, {rows, cols} = design, each = design.code_max > 255 ? 2 : 1, slot = 1 + cols * each + Math.ceil(cols / 8);
   const end = head + 8 + rows * slot;
   const codes = new Uint16Array(rows * cols);
   if (bytes[0] !== 0xa5 || bytes.length !== end + 2) return {good: false, number: 0, codes, crc: 0, found: 0};

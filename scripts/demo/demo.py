@@ -9,7 +9,6 @@ import importlib.metadata
 import importlib.util
 import json
 import os
-import shutil
 import sys
 import tempfile
 import time
@@ -36,9 +35,7 @@ WORK = BUILD / "demo"
 PAGE = WORK / "demo.html"
 
 VERILATE_LIMIT_S, COMPILE_LIMIT_S = 120, 600
-"""Verilator takes 0.3 s; the compiler 8 s, and a minute the first time, when it builds its C
-library.
-"""
+"""Verilator takes 0.3 s; the compiler 8 s, and a minute the first time, when it builds its C library."""
 
 # The model alone, without Verilator's context, prints nothing and has no assertions. -O2 is as fast
 # as -O3 here; chip.cpp uses vector instructions explicitly, as automatic ones made the scalar code
@@ -56,9 +53,8 @@ PATTERN_SEED = 19
 
 def have_compiler() -> str | None:
     """Return the reason why the page cannot be built here, or None."""
-    if importlib.util.find_spec("ziglang") is None:
-        return "Python package ziglang is not installed (make demo installs it)"
-    return None
+    found = importlib.util.find_spec("ziglang")
+    return None if found else "Python package ziglang is not installed (make demo installs it)"
 
 
 def _key() -> str:
@@ -86,18 +82,14 @@ def wasm(design: Design) -> bytes:
     log = WORK / "build.log"
     log.unlink(missing_ok=True)
     root = verilator_root()
-    scratch = Path(tempfile.mkdtemp(dir=WORK, prefix=".build_"))
-    try:
+    with tempfile.TemporaryDirectory(dir=WORK, prefix=".build_") as folder:
+        scratch = Path(folder)
         verilator = [root / "bin" / "verilator_bin", *VERILATOR_FLAGS, "--Mdir", scratch]
         sources = [*(f"-I{folder}" for folder in rtl_include_dirs()), *rtl_sources()]
         place = {"VERILATOR_ROOT": str(root)}
         children.run_logged([*verilator, *sources], ROOT, log, VERILATE_LIMIT_S, "Verilator", place)
-        values = {
-            "ROWS": design.array.rows,
-            "COLS": design.array.cols,
-            "SLOT_CLOCKS": design.timing.slot_clocks,
-        }
-        size = [f"-D{name}={value}" for name, value in values.items()]
+        array, slot = design.array, design.timing.slot_clocks
+        size = [f"-DROWS={array.rows}", f"-DCOLS={array.cols}", f"-DSLOT_CLOCKS={slot}"]
         includes = (f"-I{root / 'include'}", f"-I{scratch}", "-include", HERE / "single_thread.h")
         compiler = [sys.executable, "-m", "ziglang", "c++", *COMPILER_FLAGS, *size, *includes]
         out = scratch / "chip.wasm"
@@ -106,8 +98,6 @@ def wasm(design: Design) -> bytes:
         for old in WORK.glob("chip_*.wasm"):
             old.unlink()
         os.replace(out, kept)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
     return kept.read_bytes()
 
 
@@ -116,8 +106,8 @@ def values(design: Design) -> dict[str, Any]:
     draw = np.random.default_rng(PATTERN_SEED)
     patterns = draw.standard_normal((2, design.array.cols)).round(3).tolist()
     found = {key.rpartition(".")[2]: value for key, value in (design.stored() | design.derived()).items()}
-    names = "rows cols v_bias_v k i0_a f_clk_hz packet_v gate_clocks slot_clocks code_max force_max_n"
-    return {name: found[name] for name in (*names.split(), "k_force_n_ohm")} | {
+    names = "rows cols v_bias_v k i0_a f_clk_hz packet_v gate_clocks slot_clocks code_max force_max_n k_force_n_ohm"
+    return {name: found[name] for name in names.split()} | {
         "frames_per_s": round(1 / design.timing.frame_s),
         "offset_pattern": patterns[0],
         "mismatch_pattern": patterns[1],
@@ -145,9 +135,7 @@ def _script(value: Any) -> str:
 
 def build(out: Path = PAGE) -> Path:
     """Write the page; return its path."""
-    text = page(load_design())
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(out, text)
+    write_atomic(out, page(load_design()))
     return out
 
 

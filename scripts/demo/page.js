@@ -14,7 +14,7 @@ const sheet = $("sheet"), waves = $("waves");
 
 const worker = new Worker(URL.createObjectURL(new Blob([WORKER], {type: "text/javascript"})));
 const waiting = new Map();
-let asked = 0, state = null, opened = performance.now();
+let asked = 0, state = null;
 
 function ask(type, data = {}) {
   return new Promise((done) => {
@@ -85,6 +85,9 @@ const WHAT = {
   toml: "dermis run answers this file with the same codes, noise included.",
 };
 
+function wire(preset) {
+  for (const name of sliders) $(name).value = preset[name];
+}
 const value = (id) => Number($(id).value);
 // Laterals go from 10 kohm down to 100 ohm on a logarithmic slider; 0 leaves them out.
 const lateralOhm = () => value("lateral") ? Number((10000 / 10 ** (value("lateral") / 20)).toPrecision(2)) : 0;
@@ -131,12 +134,15 @@ function send(fresh = false) {
     view: value("view"), watched: probe.row, ohm: ohms(forces()), fresh});
 }
 
-function changed() {
-  for (const id of ["force", "width", "length", "angle", "slow", "at", ...sliders]) say(id);
+function refresh(fresh = false) {
+  for (const id of Object.keys(units)) say(id);
   compare();
-  send();
-  if (recording) return;
-  history.replaceState(null, "", link());
+  send(fresh);
+}
+
+function changed() {
+  refresh();
+  if (!recording) history.replaceState(null, "", link());
 }
 
 // The corrected map beside the one as read, and the preset that the sliders are at.
@@ -196,29 +202,25 @@ function follow(hash) {
 }
 
 function toml() {
-  const on = effects(), text = JSON.stringify, lines = ["# Saved by the demo page of dermis; answer it with: dermis run FILE"];
-  lines.push('title = "Pressed in the browser"', "");
-  if (recording) {
-    lines.push("[stimulus]", 'kind = "frames"', `file = ${text(recording.name)}`, `unit = "${recording.unit}"`, "");
-  } else if (!bodies.length) {
-    lines.push("[stimulus]", 'kind = "uniform"', "force_n = 0.0", "");
-  } else {
-    lines.push("[stimulus]", 'kind = "several"', "");
-    for (const body of bodies) {
-      lines.push("[[stimulus.parts]]", 'kind = "indenter"');
-      for (const [key, of] of Object.entries(body)) lines.push(`${key} = ${text(of)}`);
-      lines.push("");
-    }
+  const on = effects(), text = JSON.stringify, list = (values) => `[${values.join(", ")}]`;
+  const lines = ["# Saved by the demo page of dermis; answer it with: dermis run FILE", 'title = "Pressed in the browser"', "", "[stimulus]"];
+  if (recording) lines.push('kind = "frames"', `file = ${text(recording.name)}`, `unit = "${recording.unit}"`, "");
+  else if (!bodies.length) lines.push('kind = "uniform"', "force_n = 0.0", "");
+  else lines.push('kind = "several"', "");
+  for (const body of recording ? [] : bodies) {
+    lines.push("[[stimulus.parts]]", 'kind = "indenter"');
+    for (const [key, of] of Object.entries(body)) lines.push(`${key} = ${text(of)}`);
+    lines.push("");
   }
+  // Slider, effect and key of a scene, value.
+  const written = [
+    ["row_ohm", "row_driver", "r_ohm", on.row_ohm], ["column_ohm", "column_input", "r_ohm", on.column_ohm],
+    ["lateral", "lateral", "r_ohm", on.lateral_ohm], ["offset", "column_offset", "v_v", list(on.offset_v)],
+    ["mismatch", "mirror_ratio", "ratio_error", list(on.ratio_error)], ["noise", "comparator_noise", "v_v", on.noise_v],
+    ["flicker", "flicker_noise", "relative", on.flicker],
+  ];
   lines.push("[effects]");
-  const list = (values) => `[${values.join(", ")}]`;
-  if (on.row_ohm) lines.push(`row_driver = { r_ohm = ${on.row_ohm} }`);
-  if (on.column_ohm) lines.push(`column_input = { r_ohm = ${on.column_ohm} }`);
-  if (on.lateral_ohm) lines.push(`lateral = { r_ohm = ${on.lateral_ohm} }`);
-  if (value("offset")) lines.push(`column_offset = { v_v = ${list(on.offset_v)} }`);
-  if (value("mismatch")) lines.push(`mirror_ratio = { ratio_error = ${list(on.ratio_error)} }`);
-  if (on.noise_v) lines.push(`comparator_noise = { v_v = ${on.noise_v} }`);
-  if (on.flicker) lines.push(`flicker_noise = { relative = ${on.flicker} }`);
+  for (const [slider, effect, key, of] of written) if (value(slider)) lines.push(`${effect} = { ${key} = ${of} }`);
   lines.push("", "[run]", 'engine = "event"', `seed = ${seed}`, "");
   return lines.join("\n");
 }
@@ -314,12 +316,11 @@ function complain(text) {
 // ---- drawing -----------------------------------------------------------------------------------------------------
 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-let colours = {};
+const colours = {};
 function theme() {
   for (const name of ["ink", "soft", "line", "grid", "panel", "integrator", "comparator", "charge", "accent", "hover"])
     colours[name] = css(`--${name}`);
-  ramp();
-  draw();
+  redraw();
 }
 
 // Points of viridis and, for errors, of a diverging map; between them a straight line.
@@ -366,8 +367,8 @@ function drawMap(canvas, truth, force) {
     pen.fillStyle = `rgb(${paint})`;
     pen.fillRect(x + 0.5, y + 0.5, cell - 1, cell - 1);
     if (cell < 20) continue;
-    const text = kind === "codes" ? codes[i] || "" : kind === "newtons" ? (newtons >= 0.05 ? newtons.toFixed(1) : "")
-      : Math.abs(off) >= 0.05 ? off.toFixed(1) : "";
+    const number = kind === "newtons" ? newtons : off;
+    const text = kind === "codes" ? codes[i] || "" : Math.abs(number) >= 0.05 ? number.toFixed(1) : "";
     if (text) texts.push([text, x + cell / 2, y + cell / 2 + 0.5, paint]);
   }
   outlines(pen, cell, kind === "error");
@@ -424,10 +425,17 @@ function outlines(pen, cell, dark) {
   pen.setLineDash([]);
 }
 
+function polyline(pen, paint, points) {
+  pen.strokeStyle = paint;
+  pen.beginPath();
+  for (const point of points) pen.lineTo(...point);
+  pen.stroke();
+}
+
 const chosen = () => [...document.querySelectorAll("#columns input:checked")].map((box) => Number(box.value));
 
 function drawWaves() {
-  const [pen, width, height] = fit(waves), {trace} = state, n = trace.comp.length, columns = chosen();
+  const [pen, width, height] = fit(waves), {trace} = state, n = trace.comp.length, columns = chosen(), clocks = [...Array(n).keys()];
   const left = 54, right = 8, top = 18, plot = width - left - right, x = (i) => left + plot * i / Math.max(1, n - 1);
   pen.font = '12px system-ui, "DejaVu Sans", sans-serif';
   pen.textBaseline = "middle";
@@ -454,12 +462,8 @@ function drawWaves() {
   columns.forEach((column, k) => {
     const y0 = top + k * lane, analog = lane * 0.56, digital = lane * 0.13;
     const volts = (v) => y0 + 8 + (1.25 - v) / 2.5 * analog; // +-1.25 V
-    pen.strokeStyle = colours.grid;
     pen.lineWidth = 1;
-    pen.beginPath();
-    pen.moveTo(left, volts(0));
-    pen.lineTo(width - right, volts(0));
-    pen.stroke();
+    polyline(pen, colours.grid, [[left, volts(0)], [width - right, volts(0)]]);
     pen.textAlign = "left";
     pen.fillStyle = colours.ink;
     pen.font = 'bold 13px system-ui, "DejaVu Sans", sans-serif';
@@ -468,27 +472,14 @@ function drawWaves() {
     pen.textAlign = "right";
     pen.fillStyle = colours.soft;
     pen.fillText("0 V", left - 5, volts(0));
-    pen.strokeStyle = colours.integrator;
     pen.lineWidth = n > 700 ? 1 : 1.6;
-    pen.beginPath();
-    for (let i = 0; i < n; i++) {
-      // Stored charge drives the output down; one packet is packet_v.
-      const v = Math.max(-1.25, Math.min(1.25, -trace.v[i * COLS + column] * DESIGN.packet_v));
-      if (i) pen.lineTo(x(i), volts(v));
-      else pen.moveTo(x(i), volts(v));
+    // Stored charge drives the output down; one packet is packet_v.
+    const output = (i) => Math.max(-1.25, Math.min(1.25, -trace.v[i * COLS + column] * DESIGN.packet_v));
+    polyline(pen, colours.integrator, clocks.map((i) => [x(i), volts(output(i))]));
+    for (const [bits, paint, y] of [[trace.comp, colours.comparator, y0 + 10 + analog], [trace.charge, colours.charge, y0 + 14 + analog + digital]]) {
+      const level = (i) => y + (bits[i] >> column & 1 ? 0 : digital - 2);
+      polyline(pen, paint, clocks.flatMap((i) => [[x(i), level(i)], [x(Math.min(i + 1, n - 1)), level(i)]]));
     }
-    pen.stroke();
-    [[trace.comp, colours.comparator, y0 + 10 + analog], [trace.charge, colours.charge, y0 + 14 + analog + digital]].forEach(([bits, paint, y]) => {
-      pen.strokeStyle = paint;
-      pen.beginPath();
-      for (let i = 0; i < n; i++) {
-        const level = y + (bits[i] >> column & 1 ? 0 : digital - 2);
-        if (i) pen.lineTo(x(i), level);
-        else pen.moveTo(x(i), level);
-        if (i + 1 < n) pen.lineTo(x(i + 1), level);
-      }
-      pen.stroke();
-    });
   });
   pen.fillStyle = colours.soft;
   pen.textAlign = "right";
@@ -522,6 +513,10 @@ function drawBytes() {
 let drawing = 0;
 function draw() {
   if (!drawing) drawing = requestAnimationFrame(paint);
+}
+function redraw() {
+  ramp();
+  draw();
 }
 
 function paint() {
@@ -651,7 +646,7 @@ for (const id of ["shape", "force", "width", "length", "angle"]) $(id).addEventL
 for (const id of [...sliders, "view"]) $(id).addEventListener("input", changed);
 $("corrected").addEventListener("input", () => {
   // A wiring without a loss has nothing to correct.
-  if ($("corrected").checked && !sliders.some(value)) Object.entries(presets.harsh).forEach(([name, to]) => { $(name).value = to; });
+  if ($("corrected").checked && !sliders.some(value)) wire(presets.harsh);
   const kind = $("corrected").checked ? "error" : "newtons";
   document.querySelector(`input[name=shown][value=${kind}]`).checked = true;
   ramp();
@@ -664,21 +659,16 @@ for (const panel of document.querySelectorAll(".panel:has(.what)"))
       const name = control?.closest(".columns") ? "columns" : control?.dataset.step ? "step" : control?.name || control?.id;
       if (WHAT[name]) panel.querySelector(".what").textContent = WHAT[name];
     });
-for (const id of Object.keys(presets)) {
+for (const [id, preset] of Object.entries(presets))
   $(id).addEventListener("click", () => {
-    for (const name of sliders) $(name).value = presets[id][name];
+    wire(preset);
     changed();
   });
-}
 $("clear").addEventListener("click", () => {
   bodies = [];
   changed();
 });
-for (const box of document.querySelectorAll("input[name=shown]"))
-  box.addEventListener("change", () => {
-    ramp();
-    draw();
-  });
+for (const box of document.querySelectorAll("input[name=shown]")) box.addEventListener("change", redraw);
 
 function speed() {
   say("slow");
@@ -756,10 +746,7 @@ window.addEventListener("hashchange", () => {
   follow(location.hash);
   changed();
 });
-window.addEventListener("resize", () => {
-  ramp();
-  draw();
-});
+window.addEventListener("resize", redraw);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", theme);
 
 // For scripts and tests: what `dermis run` of toml() must answer, and the speed of this browser.
@@ -771,7 +758,6 @@ window.demo = {
   },
   bench: (frames = 500) => ask("bench", {count: frames}),
   state: () => state,
-  opened,
 };
 
 (async () => {
@@ -779,7 +765,5 @@ window.demo = {
   worker.postMessage({type: "start", design: DESIGN, wasm: bytes});
   theme();
   follow(location.hash);
-  for (const id of ["force", "width", "length", "angle", "slow", "at", ...sliders]) say(id);
-  compare();
-  send(true);
+  refresh(true);
 })();

@@ -92,7 +92,7 @@ function tick() {
 // Read `count` frames of what presses now from a reset: the answer of `dermis run` with the same scene.
 function measure(count) {
   const out = [];
-  chip.reset();
+  chip.wasm.reset();
   frame = 0;
   if (frames) load();
   while (out.length < count * chip.cells) {
@@ -128,7 +128,7 @@ const handlers = {
     watched = data.watched;
     if (!frames) chip.ohm.set(data.ohm);
     if (data.fresh) {
-      chip.reset();
+      chip.wasm.reset();
       wrong = total = crcErrors = 0;
       while (!latest) clock(1e6, false);
       before = since = performance.now();

@@ -24,7 +24,7 @@ from dermis.places import BUILD, ROOT
 from dermis.processes import children
 from dermis.report import verdict
 from dermis.report.verdict import Row
-from scripts.judged import tool
+from scripts.judged import finish, tool
 
 SHEETS = ROOT / "spice" / "schematic"
 LETTER_HEIGHT, LETTER_WIDTH = 52.0, 29.0
@@ -142,10 +142,9 @@ def _dots(placed: list[Place]) -> list[Point]:
     wires = [r.numbers(0, 4) for r in placed[0].drawing if r.kind == "N"]
     ends = Counter(end for a, b, c, d in wires for end in ((a, b), (c, d)))
     for place in placed:
-        pins = (
-            r.numbers(1, 5) for r in place.drawing if r.kind == "B" and place.kind not in ("label", *PORTS)
-        )
-        ends.update(place.at((a + c) / 2, (b + d) / 2) for a, b, c, d in pins)
+        if place.kind not in ("label", *PORTS):
+            pins = (r.numbers(1, 5) for r in place.drawing if r.kind == "B")
+            ends.update(place.at((a + c) / 2, (b + d) / 2) for a, b, c, d in pins)
 
     def through(x: float, y: float) -> int:
         return sum(
@@ -178,7 +177,6 @@ def draw(sheet: Path) -> str:
 TEXT = SHEETS.parent / "sky130"
 WORK = BUILD / "schematics"
 LIMIT_S = 120.0
-
 
 DEVICES = ("nmos", "pmos", "nmos_lv", "pmos_lv")
 """Subcircuits of one device: symbols without a sheet."""
@@ -251,10 +249,8 @@ def statement(subckt: Subckt, name: str, text: Mapping[str, Subckt]) -> str:
 
 def differences(text: Mapping[str, Subckt], drawn: Mapping[str, Subckt]) -> dict[str, list[str]]:
     """Return the differences of each subcircuit of either side; an empty list if equal."""
-    found: dict[str, list[str]] = {
-        name: ["no sheet"] for name in text if name not in drawn and name not in DEVICES
-    }
-    found |= {name: ["a sheet without netlist"] for name in drawn if name not in text}
+    found = {name: ["no sheet"] for name in {*text} - {*drawn, *DEVICES}}
+    found |= {name: ["a sheet without netlist"] for name in {*drawn} - {*text}}
     for name in {*text} & {*drawn}:
         left, right = text[name], drawn[name]
         compared = [
@@ -288,9 +284,8 @@ def drawn(work: Path, sheets: Path = SHEETS) -> dict[str, Subckt]:
     result = work / "all.spice"
     result.unlink(missing_ok=True)
     command = [xschem, "-x", "-r", "-n", "-s", "-q", "--rcfile", "xschemrc", "all.sch"]
-    # without the user's settings
-    home = {"HOME": str(work)}
-    children.run_logged(command, work, work / "xschem.log", LIMIT_S, "xschem", home)
+    # HOME keeps the user's settings out.
+    children.run_logged(command, work, work / "xschem.log", LIMIT_S, "xschem", {"HOME": str(work)})
     if not result.is_file():
         raise SimulatorError("xschem wrote no netlist", work / "xschem.log")
     # The sheet with all symbols comes first; it ends in a comment.
@@ -332,9 +327,7 @@ def undrawable(text: Mapping[str, Subckt]) -> list[str]:
                 strip = float(pairs["w"]) in DRAWN_UM["res"] and words[2] in SUBSTRATE
                 good = pairs.get("m") == pairs.get("mult") and (strip if "res" in words[-1] else plate)
             if not good:
-                found.append(
-                    f"{name} {element}: {' '.join((*words, *(f'{k}={v}' for k, v in pairs.items())))}"
-                )
+                found.append(f"{name} {element}: {' '.join((*words, *map('='.join, pairs.items())))}")
     return found
 
 
@@ -353,6 +346,4 @@ def schematics_command() -> int:
     rows = compare(text := written(), drawn(WORK))
     odd = undrawable(text)
     rows.append(verdict.within("schematics.undrawable", len(odd), "passives", 0, 0, "; ".join(odd)))
-    verdict.write_rows("schematics", rows)
-    verdict.print_rows(rows, "Sheets against netlists")
-    return verdict.exit_code(rows)
+    return finish("schematics", rows, "Sheets against netlists")

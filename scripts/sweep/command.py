@@ -27,47 +27,40 @@ from scripts.judged import SHOW, finish
 from scripts.sweep import curves
 from scripts.sweep.curves import Curve, Floats, Reading, straight_line, unlimited
 
-COLUMNS = (
-    "topology",
-    "r_ohm",
-    "x",
-    "pulses",
-    "code",
-    "f_count_hz",
-    "f_period_hz",
-    "f_line_hz",
-    "f_charge_balance_hz",
-    "pulses_charge_balance",
-    "f_eq3_hz",
-    "pulses_eq3",
-    "physical_pulses",
-    "physical_code",
-    "physical_f_count_hz",
-    "physical_f_period_hz",
-    "physical_f_line_hz",
-)
-
 
 def table(curves: Sequence[Curve]) -> str:
     """Return the sweep as csv, one line per resistance and interface; empty if not measured."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    lines = []
     for curve in curves:
-        where = {} if curve.physical_at is None else {int(p): i for i, p in enumerate(curve.physical_at)}
+        some, hz = curve.physical, curve.f_clk_hz
+        where = {} if some is None else {int(point): n for n, point in enumerate(some.at)}
         for i, ohm in enumerate(curve.resistance_ohm):
-            cells = [curve.topology, float(ohm), float(curve.x[i]), *_measured(curve, curve.ideal, i)]
-            cells += [curve.f_clk_hz * curve.x[i], int(curve.pulses_charge_balance[i])]
-            cells += [curve.f_clk_hz / curve.period_eq3_clocks[i], int(curve.pulses_eq3[i])]
-            cells += [math.nan] * 5 if i not in where else _measured(curve, curve.physical, where[i])
-            writer.writerow(map(_cell, cells))
+            ideal = _measured(curve, curve.ideal, i)
+            real = _measured(curve, some.reading, where[i]) if i in where else dict.fromkeys(ideal, math.nan)
+            line = {"topology": curve.topology, "r_ohm": float(ohm), "x": float(curve.x[i]), **ideal}
+            line |= {
+                "f_charge_balance_hz": hz * curve.x[i],
+                "pulses_charge_balance": curve.pulses_charge_balance[i],
+            }
+            line |= {"f_eq3_hz": hz / curve.period_eq3_clocks[i], "pulses_eq3": curve.pulses_eq3[i]}
+            line |= {f"physical_{name}": value for name, value in real.items()}
+            lines.append({name: _cell(value) for name, value in line.items()})
+    text = io.StringIO()
+    writer = csv.DictWriter(text, lines[0], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(lines)
     return text.getvalue()
 
 
-def _measured(curve: Curve, reading: Reading, i: int) -> list[float]:
-    pulses, f_clk = int(reading.pulses[i]), curve.f_clk_hz
-    periods = [f_clk / reading.period_clocks[i], f_clk / reading.line_clocks[i]]
-    return [pulses, int(reading.code[i]), f_clk * pulses / curve.gate, *periods]
+def _measured(curve: Curve, reading: Reading, i: int) -> dict[str, float]:
+    pulses, hz = reading.pulses[i], curve.f_clk_hz
+    return {
+        "pulses": pulses,
+        "code": reading.code[i],
+        "f_count_hz": hz * int(pulses) / curve.gate,
+        "f_period_hz": hz / reading.period_clocks[i],
+        "f_line_hz": hz / reading.line_clocks[i],
+    }
 
 
 def _cell(value: Any) -> str:
@@ -88,23 +81,26 @@ EQ3 = {"color": drawing.RED, "lw": 1.3, "ls": (0, (5, 2)), "label": "eq. (3): f 
 OHM, KHZ = "resistance of the taxel R / ohm", "pulse frequency f / kHz"
 FORCE = "force on the taxel F = K_f / R / N"
 
-Across = Callable[[Curve], Floats]
+Across, Scale = Callable[[Curve], Floats], Callable[[Floats], Floats]
 
 
-def _laws(curve: Curve, low_ohm: float, high_ohm: float) -> tuple[Floats, Floats, Floats]:
-    """Return resistances, and frequencies of both laws in Hz, dense enough to show the steps."""
-    duty = float(curve.x[0] * curve.resistance_ohm[0]) / (ohm := np.geomspace(low_ohm, high_ohm, 20_001))
-    clocks = 1 << 40
-    return ohm, curve.f_clk_hz * duty, curve.f_clk_hz * vfc.count_restarting(duty, clocks) / clocks
+def _force(ohm: Floats) -> Floats:
+    return load_design().sensor.k_force_n_ohm / ohm
+
+
+def _laws(
+    axes: Any, curve: Curve, across: Scale, per_hz: float, end_ohm: float = 0.0, eq3: bool = True
+) -> None:
+    """Draw charge balance and eq. (3) over the resistances, dense enough to show their steps."""
+    ohm = np.geomspace(curve.resistance_ohm[0], end_ohm or curve.resistance_ohm[-1], 20_001)
+    duty, clocks = float(curve.x[0] * curve.resistance_ohm[0]) / ohm, 1 << 40
+    axes.plot(across(ohm), curve.f_clk_hz * duty * per_hz, **BALANCE)
+    if eq3:
+        axes.plot(across(ohm), curve.f_clk_hz * vfc.count_restarting(duty, clocks) / clocks * per_hz, **EQ3)
 
 
 def _marks(
-    axes: Any,
-    curves: Sequence[Curve],
-    across: Across,
-    up: Across,
-    most: int | None = None,
-    scale: Callable[[Floats], Floats] = np.asarray,
+    axes: Any, curves: Sequence[Curve], across: Across, up: Across, most: int = 0, scale: Scale = np.asarray
 ) -> None:
     """Draw the points of each curve; with `most`, that number of all curves, each its share.
 
@@ -113,7 +109,7 @@ def _marks(
     for number, curve in enumerate(curves):
         x, y = across(curve), up(curve)
         picks = np.arange(x.size)
-        if most is not None:
+        if most:
             place = scale(x)
             wanted = np.linspace(place.min(), place.max(), most)
             picks = np.unique([np.argmin(np.abs(place - w)) for w in wanted])[number :: len(curves)]
@@ -130,8 +126,9 @@ def _finish(axes: Any, title: str, across: str, up: str, legend: str = "") -> No
         axes.legend(frameon=False, fontsize=8.5, loc=legend)
 
 
-def _log_scales(axes: Any, low: float, high: float) -> None:
+def _log_scales(axes: Any, curve: Curve) -> None:
     """Set both axes to logarithmic with readable marks: ohm across, kHz up."""
+    low, *_, high = curve.resistance_ohm
     axes.set(xscale="log", yscale="log")
     ohm = [m * 10**e for e in range(8) for m in (1, 2, 5) if low <= m * 10**e <= high]
     axes.set_xticks(ohm, [f"{m / 1000:g} k" if m >= 1000 else f"{m:g}" for m in ohm])
@@ -144,17 +141,17 @@ def frequency_figure(curves: Sequence[Curve], path: Path) -> None:
     """Draw frequency against resistance and, the paper's Fig. 8, against force, with both laws."""
     figure = Figure(figsize=(10, 4.9), layout="constrained")
     whole, forces = figure.subplots(1, 2)
-    low, high = (float(curves[0].resistance_ohm[end]) for end in (0, -1))
-    k_force = load_design().sensor.k_force_n_ohm
-    line, balance, eq3 = _laws(curves[0], low, high)
-    for axes, at_line, across, unit, scale in (
-        (whole, line, lambda c: c.resistance_ohm, 1e3, np.log),
-        (forces, k_force / line, lambda c: k_force / c.resistance_ohm, 1e6, np.asarray),
-    ):
-        axes.plot(at_line, balance / unit, **BALANCE)
-        axes.plot(at_line, eq3 / unit, **EQ3)
-        _marks(axes, curves, across, lambda c, u=unit: c.f_clk_hz / c.ideal.period_clocks / u, 40, scale)
-    _log_scales(whole, low, high)
+    for axes, at, unit, scale in ((whole, np.asarray, 1e3, np.log), (forces, _force, 1e6, np.asarray)):
+        _laws(axes, curves[0], at, 1 / unit)
+        _marks(
+            axes,
+            curves,
+            lambda c, at=at: at(c.resistance_ohm),
+            lambda c, unit=unit: c.f_clk_hz / c.ideal.period_clocks / unit,
+            40,
+            scale,
+        )
+    _log_scales(whole, curves[0])
     _finish(whole, "Frequency against resistance", OHM, KHZ, "lower left")
     _finish(forces, "Frequency against force", FORCE, "pulse frequency f / MHz")
     drawing.save(figure, path)
@@ -164,13 +161,11 @@ def code_figure(curves: Sequence[Curve], path: Path) -> None:
     """Draw the paper's Fig. 9: code against force, its end enlarged, and residuals."""
     figure = Figure(figsize=(10, 7.6), layout="constrained")
     (whole, foot), (ideal, physical) = figure.subplots(2, 2, height_ratios=[1.25, 1])
-    first, k_force = curves[0], load_design().sensor.k_force_n_ohm
+    first = curves[0]
     low, high = (float(first.resistance_ohm[end]) for end in (0, -1))
-    near, counts = min(1.55 * low, high), first.gate / first.f_clk_hz
-    for axes, end, at in ((whole, high, lambda ohm: k_force / ohm), (foot, near, np.asarray)):
-        line, balance, eq3 = _laws(first, low, end)
-        axes.plot(at(line), balance * counts, **BALANCE)
-        axes.plot(at(line), eq3 * counts, **EQ3)
+    near = min(1.55 * low, high)
+    for axes, end, at in ((whole, high, _force), (foot, near, np.asarray)):
+        _laws(axes, first, at, first.gate / first.f_clk_hz, end)
         _marks(
             axes,
             curves,
@@ -193,12 +188,12 @@ def code_figure(curves: Sequence[Curve], path: Path) -> None:
     drawn = [curve for curve in curves if curve.physical is not None]
 
     def duty(curve: Curve) -> Floats:
-        return curve.gate * curve.x[curve.physical_at]
+        return curve.gate * curve.x[curve.physical.at]
 
-    _marks(physical, drawn, duty, lambda c: c.gate / c.physical.line_clocks - duty(c), 200)
+    _marks(physical, drawn, duty, lambda c: c.gate / c.physical.reading.line_clocks - duty(c), 200)
     for curve in drawn:
         colour = LOOKS[curve.topology][1]
-        physical.plot(duty(curve), curve.gate * curve.physical_x - duty(curve), color=colour, lw=1)
+        physical.plot(duty(curve), curve.gate * curve.physical.x - duty(curve), color=colour, lw=1)
     title = "Physical blocks: f from all pulse times less charge balance"
     _finish(physical, title, steps, "difference / LSB")
     physical.text(0.03, 0.06, "lines: array solve and gains", transform=physical.transAxes, fontsize=8.5)
@@ -212,11 +207,9 @@ def transistor_figure(curves: Sequence[Curve], path: Path) -> None:
     """Draw frequency against resistance, and its residual to a straight line."""
     figure = Figure(figsize=(10, 4.9), layout="constrained")
     whole, rest = figure.subplots(1, 2)
-    low, high = (float(curves[0].resistance_ohm[end]) for end in (0, -1))
-    line, balance, _ = _laws(curves[0], low, high)
-    whole.plot(line, balance / 1e3, **BALANCE)
+    _laws(whole, curves[0], np.asarray, 1e-3, eq3=False)
     _marks(whole, curves, lambda c: c.resistance_ohm, lambda c: c.f_clk_hz / c.ideal.line_clocks / 1e3)
-    _log_scales(whole, low, high)
+    _log_scales(whole, curves[0])
     _finish(whole, "f against R, channels in transistors (tt, 27 C)", OHM, KHZ, "lower left")
 
     def left(curve: Curve) -> Floats:

@@ -26,7 +26,7 @@ from dermis.engines import batch, cosim, event
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
 from dermis.records import Plan
-from dermis.report import comparison, progress, verdict
+from dermis.report import comparison, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT, Design, exact
 from dermis.scene.design import load as load_design
@@ -40,12 +40,10 @@ Ints = NDArray[np.int64]
 BENCH = ROOT / "spice" / "bench" / "vfc__tran.sp"
 BENCH_LIMIT_S = 120
 
-ROWS = 16
-COLS = 16
-PHYSICAL_SHARE = 4
-PHYSICAL_POINTS_MIN = 16
-"""A quarter of the points, at least this number, are also read through physical blocks: one taxel
-at a time takes sixteen times as long."""
+ROWS = COLS = 16
+PHYSICAL_SHARE, PHYSICAL_POINTS_MIN = 4, 16
+"""A quarter of the points, at least 16, are also read through physical blocks: one taxel at a time
+takes sixteen times as long."""
 
 LEFT_OFF = {
     "lateral": "needs a neighbour; a point of the sweep is a single taxel",
@@ -56,9 +54,7 @@ LEFT_OFF = {
     "return": "the other rows float here, so no current returns",
     "pad": "a series resistance like those of row_driver and column_input, which are in the sweep",
     **{e.name: "random; ngspice draws no numbers" for e in effects.EFFECTS.values() if e.random},
-    **{
-        name: "changes the resistance that is swept" for name in effects.EFFECTS if name.startswith("sensor_")
-    },
+    **{n: "changes the resistance that is swept" for n in effects.EFFECTS if n.startswith("sensor_")},
 }
 """Effects that the physical sweep leaves off, with reasons."""
 
@@ -104,11 +100,9 @@ def in_frames(resistance_ohm: Floats, rows: int, cols: int) -> Floats:
     """
     rows = min(rows, math.ceil(resistance_ohm.size / cols))
     frames = math.ceil(resistance_ohm.size / (rows * cols))
-    laid = np.full((frames, rows + 1, cols), np.inf)
-    full = np.full(frames * rows * cols, np.inf)
-    full[: resistance_ohm.size] = resistance_ohm
-    laid[:, :rows] = full.reshape(frames, rows, cols)
-    return laid
+    laid = np.full((frames, rows * cols), np.inf)
+    laid.flat[: resistance_ohm.size] = resistance_ohm
+    return np.pad(laid.reshape(frames, rows, cols), ((0, 0), (0, 1), (0, 0)), constant_values=np.inf)
 
 
 def out_of_frames(values: NDArray[Any], points: int) -> NDArray[Any]:
@@ -204,9 +198,8 @@ def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Fl
         first = row * timing.slot_clocks + timing.settle_clocks - timing.break_clocks + 1
         gate = rises[frame, first : first + timing.gate_clocks, column]
         if gate.size != timing.gate_clocks:
-            raise SimulatorError(
-                f"the trace ends {timing.gate_clocks - gate.size} clocks before row {row} does"
-            )
+            missing = timing.gate_clocks - gate.size
+            raise SimulatorError(f"the trace ends {missing} clocks before row {row} does")
         at = np.flatnonzero(gate)
         count[frame, row, column] = at.size
         if at.size > 1:
@@ -216,6 +209,16 @@ def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Fl
 
 
 # ---- comparison ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Physical:
+    """Some points through physical blocks, arrays [points]."""
+
+    at: Ints  # indices of the points in the sweep
+    reading: Reading
+    x: Floats  # duty by the array solve and the converter's gains
+    event_code: Ints | None  # of engine event; None if it refuses the plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,13 +236,10 @@ class Curve:
     pulses_eq3: Ints  # by the paper's eq. (3)
     period_eq3_clocks: Floats
     ideal: Reading  # through ideal blocks
-    physical: Reading | None = None  # through physical blocks
-    physical_at: Ints | None = None  # indices of its points
-    physical_x: Floats | None = None  # duty by the array solve and the converter's gains
-    event_code: Ints | None = None  # of engine event for `physical`; None if it refuses the plan
+    physical: Physical | None = None
 
 
-def make_curve(made: Plan, resistance_ohm: Floats, ideal: Reading, **physical: Any) -> Curve:
+def make_curve(made: Plan, resistance_ohm: Floats, ideal: Reading, physical: Physical | None = None) -> Curve:
     """Return a reading with the two laws."""
     interface, gate = made.scene.table.interface, made.timing.gate_clocks
     unit = exact(interface.v_bias_v) / (interface.k * exact(interface.i0_a))
@@ -259,20 +259,19 @@ def make_curve(made: Plan, resistance_ohm: Floats, ideal: Reading, **physical: A
         pulses_eq3=vfc.count_restarting(x, gate),
         period_eq3_clocks=np.round(clocks / vfc.count_restarting(x, clocks)),
         ideal=ideal,
-        **physical,
+        physical=physical,
     )
 
 
-def physical(made: Plan, at: Ints, reading: Reading) -> dict[str, Any]:
-    """Return what `Curve` has of a reading through physical blocks at the resistances `at`."""
+def make_physical(made: Plan, at: Ints, reading: Reading) -> Physical:
+    """Return a reading of the points `at` with the answers of the models."""
     currents = array.column_currents(made.network(0), made.conductance_s())
     duty = made.converter.duty(currents) / (1.0 + made.converter.packet_error)
     try:
         codes = out_of_frames(event.run(made).codes.astype(np.int64), at.size)
     except InputError:
         codes = None
-    duty = out_of_frames(duty, at.size)
-    return {"physical": reading, "physical_at": at, "physical_x": duty, "event_code": codes}
+    return Physical(at, reading, out_of_frames(duty, at.size), codes)
 
 
 # ---- verdicts ------------------------------------------------------------------------------------------------
@@ -280,54 +279,51 @@ def physical(made: Plan, at: Ints, reading: Reading) -> dict[str, Any]:
 
 def judge(curve: Curve) -> list[Row]:
     """Return the verdict rows of one interface."""
-    ohm, ideal, on_code = curve.resistance_ohm, curve.ideal, curve.on_code
-    rate, on_codes = (f"sweep.{name}_lsb.{curve.topology}" for name in ("rate_error", "rate_error_exact"))
+    ideal, on_code, gate = curve.ideal, curve.on_code, curve.gate
+
+    def key(name: str) -> str:
+        return f"sweep.{name}.{curve.topology}"
+
     error = np.abs(ideal.pulses - curve.pulses_charge_balance)
-    miscounted = int((ideal.code != np.minimum(ideal.pulses, curve.code_max)).sum())
-    note = f"{np.count_nonzero(error)} of {ohm.size} resistances differ"
+    note = f"{np.count_nonzero(error)} of {error.size} resistances differ"
     if error.any():
         # At a rounding step the exact answer is a half: a point this near may fall on either side.
-        steps = curve.gate * curve.x[error > 0] + 0.5
+        steps = gate * curve.x[error > 0] + 0.5
         note += f", each within {np.abs(steps - np.round(steps)).max():.2g} of a rounding step"
-    first = f"{on_code.sum()} resistances where x = c/{curve.gate}"
-    rows = [
-        verdict.error(rate, f"{miscounted} codes are not their pulses")
-        if miscounted
-        else verdict.judge(rate, int(error.max()), note),
-        verdict.judge(on_codes, int(error[on_code].max()), first)
-        if on_code.any()
-        else verdict.skip(on_codes, "no such resistance in the sweep"),
-    ]
-    period = _largest(curve.gate / ideal.period_clocks - curve.gate * curve.x)
+    rate = verdict.judge(key("rate_error_lsb"), int(error.max()), note)
+    if miscounted := int((ideal.code != np.minimum(ideal.pulses, curve.code_max)).sum()):
+        rate = verdict.error(rate["name"], f"{miscounted} codes are not their pulses")
+    exact_key = key("rate_error_exact_lsb")
+    exact_rate = verdict.skip(exact_key, "no such resistance in the sweep")
+    if on_code.any():
+        exact_rate = verdict.judge(
+            exact_key, int(error[on_code].max()), f"{on_code.sum()} resistances where x = c/{gate}"
+        )
+    period = _largest(gate / ideal.period_clocks - gate * curve.x)
     fit = straight_line(curve, ideal)
     said = "f from all pulse times: residual of a straight line of 1/R"
     reports = [
-        ("period_error_lsb", period, f"f from first and last pulse, in counts of {curve.gate} clocks"),
-        ("frequency_linearity_lsb", fit and fit[2], said),
+        ("period_error_lsb", period, "lsb", f"f from first and last pulse, in counts of {gate} clocks"),
+        ("frequency_linearity_lsb", fit and fit[2], "lsb", said),
     ]
     last: list[Row] = []
-    if (reading := curve.physical) is not None and (at := curve.physical_at) is not None:
-        fit, line = straight_line(curve, reading, at), "straight line of f against 1/R"
-        shift = _largest(curve.gate / reading.line_clocks - curve.gate * curve.x[at])
+    if (some := curve.physical) is not None:
+        fit, line = straight_line(curve, some.reading, some.at), "straight line of f against 1/R"
+        shift = _largest(gate / some.reading.line_clocks - gate * curve.x[some.at])
+        taxels = f"physical blocks, {some.at.size} resistances, one taxel at a time"
         reports += [
-            ("physical_shift_lsb", shift, f"physical blocks, {at.size} resistances, one taxel at a time"),
-            ("physical_gain_error_percent", fit and 100 * (fit[0] - 1), line),
-            ("physical_offset_lsb", fit and fit[1], line),
-            ("physical_linearity_lsb", fit and fit[2], f"residual of the {line}"),
+            ("physical_shift_lsb", shift, "lsb", taxels),
+            ("physical_gain_error_percent", fit and 100 * (fit[0] - 1), "%", line),
+            ("physical_offset_lsb", fit and fit[1], "lsb", line),
+            ("physical_linearity_lsb", fit and fit[2], "lsb", f"residual of the {line}"),
         ]
-        key = f"sweep.physical_event_difference_lsb.{curve.topology}"
-        last = [verdict.skip(key, "engine event refuses this interface with these effects", "lsb")]
-        if curve.event_code is not None:
-            worst = int(np.abs(reading.code - curve.event_code).max())
-            last = [verdict.report(key, worst, "lsb", "ngspice and Verilog against the event engine")]
-    return [
-        *rows,
-        *(
-            verdict.report(f"sweep.{name}.{curve.topology}", value, "%" if "percent" in name else "lsb", note)
-            for name, value, note in reports
-        ),
-        *last,
-    ]
+        name = key("physical_event_difference_lsb")
+        if some.event_code is None:
+            last = [verdict.skip(name, "engine event refuses this interface with these effects", "lsb")]
+        else:
+            worst = int(np.abs(some.reading.code - some.event_code).max())
+            last = [verdict.report(name, worst, "lsb", "ngspice and Verilog against the event engine")]
+    return [rate, exact_rate, *(verdict.report(key(name), *told) for name, *told in reports), *last]
 
 
 def _largest(values: Floats) -> float | None:
@@ -421,9 +417,7 @@ def run(
     shutil.rmtree(out / "work", ignore_errors=True)
 
     def one(name: str, on_slots: Callable[[int], None]) -> Reading:
-        reading = read(*plans[name], on_slots, out / "work" / name)
-        shutil.rmtree(out / "work" / name)  # a successful run can be repeated from its scene
-        return reading
+        return _read_once(*plans[name], on_slots, out / "work" / name)
 
     tasks = {name: (made.frames * made.rows, partial(one, name)) for name, (made, _) in plans.items()}
     readings = cosims.run("sweeping", tasks)
@@ -434,15 +428,19 @@ def run(
         if isinstance(ideal, SimulatorError):
             rows.append(verdict.error(f"sweep.rate_error_lsb.{topology}", str(ideal)))
             continue
-        extra = physical(plans[f"{topology}_physical"][0], at, real) if isinstance(real, Reading) else {}
-        curves.append(make_curve(plans[topology][0], ohm, ideal, **extra))
+        made = plans[f"{topology}_physical"][0] if isinstance(real, Reading) else None
+        curves.append(make_curve(plans[topology][0], ohm, ideal, made and make_physical(made, at, real)))
         rows += judge(curves[-1])
         if isinstance(real, SimulatorError):
             rows.append(verdict.error(f"sweep.physical_shift_lsb.{topology}", str(real), "lsb"))
     failed = any(isinstance(reading, SimulatorError) for reading in readings.values())
-    rows.append(judge_laws(curves))
-    rows += plain_ngspice(out / "plain_ngspice")
-    return curves, rows, failed
+    return curves, [*rows, judge_laws(curves), *plain_ngspice(out / "plain_ngspice")], failed
+
+
+def _read_once(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -> Reading:
+    reading = read(made, points, on_slots, work)
+    shutil.rmtree(work)  # a successful run can be repeated from its scene
+    return reading
 
 
 # ---- in transistors ------------------------------------------------------------------------------------------
@@ -461,25 +459,23 @@ def run_transistors(topologies: Sequence[str], points: int, out: Path) -> tuple[
     laid, title = in_frames(ohm, 1, 1), f"{points} resistances in transistors"
     plans = {t: make_plan(out / "scenes", t, laid, {}, title, "sky130") for t in topologies}
     kept = Checkpoint(out / "kept.json", batch.fingerprint())
+
+    def one(topology: str, on_slots: Callable[[int], None]) -> Reading:
+        made = plans[topology]
+        name = f"{topology} {_circuits(made)}"
+        if name not in kept.pieces:
+            reading = _read_once(made, points, on_slots, out / "work" / topology)
+            kept.put(name, {what: values.tolist() for what, values in vars(reading).items()})
+        return Reading(**{what: np.array(values) for what, values in kept.pieces[name].items()})
+
+    tasks = {topology: (made.frames * made.rows, partial(one, topology)) for topology, made in plans.items()}
     curves: list[Curve] = []
     rows: list[Row] = []
-    slots = plans[topologies[0]].frames * plans[topologies[0]].rows
-    with progress.slots("sweeping", slots * len(plans)) as show:
-        for number, (topology, made) in enumerate(plans.items()):
-            name, work = f"{topology} {_circuits(made)}", out / "work" / topology
-            if name not in kept.pieces:
-                try:
-                    begun = number * slots
-                    reading = read(made, points, lambda done, begun=begun: show(begun + done), work)
-                except SimulatorError as error:
-                    key = f"sweep.transistor_linearity_lsb.{topology}"
-                    rows.append(verdict.error(key, str(error), "lsb"))
-                    continue
-                shutil.rmtree(work)  # a successful run can be repeated from its scene
-                kept.put(name, {what: values.tolist() for what, values in vars(reading).items()})
-            show((number + 1) * slots)
-            reading = Reading(**{what: np.array(values) for what, values in kept.pieces[name].items()})
-            curves.append(make_curve(made, ohm, reading))
+    for topology, reading in cosims.run("sweeping", tasks, at_once=1).items():
+        if isinstance(reading, SimulatorError):
+            rows.append(verdict.error(f"sweep.transistor_linearity_lsb.{topology}", str(reading), "lsb"))
+        else:
+            curves.append(make_curve(plans[topology], ohm, reading))
             rows += judge_line(curves[-1])
     return curves, rows, len(curves) < len(plans)
 
@@ -495,14 +491,12 @@ def _circuits(made: Plan) -> str:
 def judge_line(curve: Curve) -> list[Row]:
     """Return the rows of one interface: gain, offset, and largest distance from a straight line."""
     name, reading = curve.topology, unlimited(curve.ideal)
-    fit = straight_line(curve, reading)
-    line = (
-        f"straight line of f against 1/R, {np.isfinite(reading.line_clocks).sum()} resistances below f_clk/2"
-    )
-    key = f"sweep.transistor_linearity_lsb.{name}"
+    key, fit = f"sweep.transistor_linearity_lsb.{name}", straight_line(curve, reading)
     if fit is None:
         return [verdict.error(key, "fewer than three resistances have two pulses", "lsb")]
     gain, offset, residual = fit
+    below = np.isfinite(reading.line_clocks).sum()
+    line = f"straight line of f against 1/R, {below} resistances below f_clk/2"
     return [
         verdict.report(f"sweep.transistor_gain_error_percent.{name}", 100.0 * (gain - 1.0), "%", line),
         verdict.report(f"sweep.transistor_offset_lsb.{name}", offset, "lsb", line),

@@ -40,6 +40,11 @@ def points(figure: Figure) -> int:
     return sum(len(line.get_xdata()) for axes in figure.axes for line in axes.lines)
 
 
+def words(figure: Figure) -> set[str]:
+    """Marks of the scales."""
+    return {text.get_text() for bar in figure.axes for text in bar.get_yticklabels()}
+
+
 def test_few_codes_are_drawn_one_by_one_and_many_are_counted_in_cells(tmp_path: Path) -> None:
     forces = np.random.default_rng(1).uniform(0, 14.9, (figures.POINTS_MAX // 256, 16, 16))
     figure, axes = drawn(tmp_path, made(tmp_path, forces))
@@ -60,8 +65,7 @@ def test_both_maps_have_one_scale_that_says_newtons_and_codes(tmp_path: Path) ->
     assert press.get_clim() == codes.get_clim() == (0, 255)
     # 7.5 N are 127.5 counts; a code is a whole number.
     assert np.abs(press.get_array() - codes.get_array()).max() <= 0.5
-    words = [text.get_text() for bar in figure.axes for text in bar.get_yticklabels()]
-    assert {"0  (0 N)", "255  (15 N)"} <= set(words)
+    assert {"0  (0 N)", "255  (15 N)"} <= words(figure)
 
 
 @pytest.mark.paper
@@ -69,8 +73,7 @@ def test_a_light_touch_fills_the_scales(tmp_path: Path) -> None:
     figure, axes = drawn(tmp_path, made(tmp_path, np.linspace(0, 1.5, 256).reshape(1, 16, 16)))
     assert axes["press"].images[0].get_clim() == axes["codes"].images[0].get_clim() == (0, 31)
     assert axes["curve"].get_xlim()[1] < 2
-    words = [text.get_text() for bar in figure.axes for text in bar.get_yticklabels()]
-    assert "31  (1.82 N)" in words
+    assert "31  (1.82 N)" in words(figure)
 
 
 @pytest.mark.paper
@@ -92,6 +95,5 @@ def test_maps_of_any_shape_fill_their_place(rows: int, cols: int, tmp_path: Path
 @pytest.mark.paper
 def test_a_sheet_of_resistances_alone_has_a_scale_in_ohm(tmp_path: Path) -> None:
     figure, axes = drawn(tmp_path, replace(made(tmp_path, np.full((1, 4, 4), 10.0)), force_n=None))
-    words = [text.get_text() for bar in figure.axes for text in bar.get_yticklabels()]
-    assert {"0  (open)", "255  (500 ohm)"} <= set(words)
+    assert {"0  (open)", "255  (500 ohm)"} <= words(figure)
     assert "curve" not in axes

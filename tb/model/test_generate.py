@@ -88,9 +88,8 @@ def test_a_seeded_drift_is_caught_shown_and_repaired(tree: Path, path: str, old:
     assert any(line.startswith("-") and new in line for line in difference)
     assert any(line.startswith("+") and old in line for line in difference)
     rows = generate.check(tree)
-    assert [row["name"] for row in rows if row["status"] == "FAIL"] == [
-        "generate.drift_files." + path.replace("/", "_").replace(".", "_")
-    ]
+    name = "generate.drift_files." + path.replace("/", "_").replace(".", "_")
+    assert [row["name"] for row in rows if row["status"] == "FAIL"] == [name]
     assert verdict.exit_code(rows) == 1
     assert generate.write(tree) == [path]
     assert (tree / path).read_text() == text
@@ -102,17 +101,11 @@ def test_a_changed_value_makes_every_file_that_holds_it_drift(tree: Path) -> Non
     """All but docs/scenes.md, which has keys and no values, and the registers in Verilog, which have parameters."""
     toml = tree / "models" / "design.toml"
     text = toml.read_text()
-    for old, new in (
-        ("rows = 16", "rows = 8"),
-        ("frame_s = 2e-3", "frame_s = 1e-3"),
-        ("f_clk_hz = 5e6", "f_clk_hz = 1e7"),
-    ):
-        text = text.replace(old, new, 1)
+    for name, old, new in (("rows", "16", "8"), ("frame_s", "2e-3", "1e-3"), ("f_clk_hz", "5e6", "1e7")):
+        text = text.replace(f"{name} = {old}", f"{name} = {new}", 1)
     toml.write_text(text)
-    assert {name for name, said in generate.drift(tree).items() if said} == set(GENERATED) - {
-        "docs/scenes.md",
-        "rtl/dermis_registers.v",
-    }
+    others = {"docs/scenes.md", "rtl/dermis_registers.v"}
+    assert {name for name, said in generate.drift(tree).items() if said} == set(GENERATED) - others
 
 
 def test_a_doc_that_lost_the_mark_of_a_table_is_refused(tree: Path) -> None:

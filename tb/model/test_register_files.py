@@ -32,9 +32,8 @@ def map_with(tmp_path: Path, *changes: tuple[str, str]) -> Path:
 
 def test_design_numbers_come_from_the_design(tmp_path: Path) -> None:
     # The map's own defaults are for a reader of it alone; a design overrides every one of them.
-    root = map_with(
-        tmp_path, ("GATE_CLOCKS   = 510", "GATE_CLOCKS   = 1"), ("RANGE_INDEX   = 2", "RANGE_INDEX   = 0")
-    )
+    changes = (("GATE_CLOCKS   = 510", "GATE_CLOCKS   = 1"), ("RANGE_INDEX   = 2", "RANGE_INDEX   = 0"))
+    root = map_with(tmp_path, *changes)
     assert rf.files(DESIGN, root) == rf.files(DESIGN, ROOT)
     assert rm.REGISTERS["GATE"].reset == DESIGN.timing.gate_clocks
     assert rm.REGISTERS["SETTLE"].reset == DESIGN.timing.settle_clocks
@@ -43,15 +42,13 @@ def test_design_numbers_come_from_the_design(tmp_path: Path) -> None:
 
 
 def test_a_changed_map_changes_every_file(tmp_path: Path) -> None:
-    root = map_with(
-        tmp_path,
-        ("} TEST_RATE @ 0x16;", "} TEST_SPEED @ 0x16;"),
-        ("} FULL_MIN @ 0x1C;", "} FULL_MIN @ 0x1E;"),
-    )
+    changes = (("TEST_RATE @ 0x16;", "TEST_SPEED @ 0x16;"), ("FULL_MIN @ 0x1C;", "FULL_MIN @ 0x1E;"))
+    root = map_with(tmp_path, *changes)
     changed = rf.files(DESIGN, root)
-    assert "TEST_SPEED" in changed["rtl/dermis_registers.h"]
-    assert "TEST_SPEED" in changed["models/dermis/chip/register_map.py"]
-    assert "TEST_SPEED" in rf.table(DESIGN, root)
+    python = changed["models/dermis/chip/register_map.py"]
+    assert all(
+        "TEST_SPEED" in text for text in (changed["rtl/dermis_registers.h"], python, rf.table(DESIGN, root))
+    )
     assert re.search(r"8'h0F\) begin\s+full_min_q <= wdata_i;", changed["rtl/dermis_registers.v"])
 
 
@@ -59,11 +56,7 @@ def test_a_changed_map_changes_every_file(tmp_path: Path) -> None:
     ("old", "new", "named"),
     [
         ("} TEST_RATE @ 0x16;", "} TEST_RATE @ 0x16", "SystemRDL"),
-        (
-            'sw = rw; hw = r; desc = "pulses per clock',
-            'sw = rw; hw = rw; desc = "pulses per clock',
-            "TEST_RATE.test_rate",
-        ),
+        ('hw = r; desc = "pulses per clock', 'hw = rw; desc = "pulses per clock', "TEST_RATE.test_rate"),
         ("regwidth    = 16", "regwidth    = 32", "regwidth"),
         ('lanes = "ROWS"; lane_bits = "1";', 'lane_bits = "1";', "ROW_MASK"),
     ],

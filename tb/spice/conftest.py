@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -26,11 +27,9 @@ def design() -> Design:
 @pytest.fixture
 def measure(tmp_path: Path) -> Callable[..., dict[str, float]]:
     """Run a bench by name, changed as `Bench` says, and return its measures."""
-    count = 0
+    numbers = itertools.count()
 
     def run_bench(name: str, limit_s: float = 60.0, **changes: object) -> dict[str, float]:
-        nonlocal count
-        count += 1
-        return run(Bench(name, **changes).write(tmp_path / str(count)), limit_s)
+        return run(Bench(name, **changes).write(tmp_path / str(next(numbers))), limit_s)
 
     return run_bench

@@ -19,22 +19,15 @@ SECTIONS = ("include", "options", "parameters", "stimulus", "dut", "measure", "c
 
 @dataclass(frozen=True)
 class Bench:
-    """One bench, with what a test changes about it.
+    """One bench, with what a test changes about it."""
 
-    Attributes
-    ----------
-    name : file name in spice/bench without its suffix.
-    dut : parameters for every instance named ``xdut...``; one that the bench itself sets there stays as it is.
-    params : values for the bench's own ``.param`` lines.
-    edits : {path below spice/: ((old, new), ...)}, netlist faults; each `old` must occur exactly once.
-    options : text for one more ``.options`` line after the bench's own.
-    """
-
-    name: str
+    name: str  # file name in spice/bench without its suffix
+    # Parameters for every instance named xdut...; one that the bench itself sets there stays as it is.
     dut: Mapping[str, float] = field(default_factory=dict)
-    params: Mapping[str, float] = field(default_factory=dict)
+    params: Mapping[str, float] = field(default_factory=dict)  # values for the bench's own .param lines
+    # Netlist faults, {path below spice/: ((old, new), ...)}; each `old` must occur exactly once.
     edits: Mapping[str, Sequence[tuple[str, str]]] = field(default_factory=dict)
-    options: str = ""
+    options: str = ""  # text for one more .options line after the bench's own
 
     def write(self, folder: Path) -> Path:
         """Copy spice/ to `folder`, apply the changes there and return the deck."""
@@ -55,23 +48,17 @@ class Bench:
             text, count = re.subn(rf"(?m)^\.param {key} = .*$", f".param {key} = {value!r}", text)
             if count != 1:
                 raise ValueError(f"{self.name}: {count} lines .param {key}")
-        out: list[str] = []
-        lines = text.splitlines()
-        found = not self.dut
-        for i, line in enumerate(lines):
-            if self.options and line.startswith("* parameters"):
-                out.append(f".options {self.options}")
-            out.append(line)
-            if line.startswith("xdut") and self.dut:
-                j = i + 1
-                while lines[j].startswith("+"):
-                    j += 1
-                have = set(re.findall(r"(\w+)\s*=", " ".join(lines[i:j])))
-                out += [f"+ {k}={v!r}" for k, v in self.dut.items() if k not in have]
-                found = True
-        if not found:
+        if self.options:
+            text = re.sub(r"(?m)^\* parameters", f".options {self.options}\n\\g<0>", text)
+
+        def with_dut(instance: re.Match[str]) -> str:
+            have = set(re.findall(r"(\w+)\s*=", instance[0]))
+            return instance[0] + "".join(f"+ {k}={v!r}\n" for k, v in self.dut.items() if k not in have)
+
+        text, found = re.subn(r"(?m)^xdut.*\n(?:\+.*\n)*", with_dut, text)
+        if self.dut and not found:
             raise ValueError(f"{self.name}: no instance xdut")
-        return "\n".join(out) + "\n"
+        return text
 
 
 def run(deck: Path, limit_s: float = 60.0) -> dict[str, float]:

@@ -19,8 +19,7 @@ def test_integrator_has_its_preset_its_slope_and_its_range(measure: Measure, des
     i_eff = i - got["v_sum_again"] / p.r_in_ohm
     out = (0.5 - i_eff * p.r_preset_ohm + p.v_offset_v) / (1 + 1 / p.gain_dc)
     # The bench's vntol of 1e-9 V, which the operating point ends with.
-    assert got["v_preset"] == pytest.approx(out, abs=1e-9)
-    assert got["v_preset_again"] == pytest.approx(out, abs=1e-9)
+    assert [got["v_preset"], got["v_preset_again"]] == pytest.approx([out, out], abs=1e-9)
     assert got["v_sum_again"] == pytest.approx(p.v_offset_v - out / p.gain_dc, abs=1e-9)
     # On a ramp the summing node is at offset + t_gbw |slope|, 9 mV, and feeds r_in. It moves by -d out / gain, so
     # the capacitor sees (1 + 1/gain) d out.
@@ -73,16 +72,14 @@ def test_comparator_delays_a_ramp_and_a_step(measure: Measure, design: Design) -
     late_s = 0.3 / design.converter.f_clk_hz
     got = measure("comparator__tran", dut=symmetrical | {"t_delay_s": late_s})
     # It asks for no finer steps than the bench's 1 ns, in one of which the output goes from rail to rail: half.
-    assert got["delay_step_s"] == pytest.approx(late_s, abs=0.5e-9)
-    # The same.
-    assert got["delay_rise_s"] == pytest.approx(late_s, abs=0.5e-9)
+    assert [got["delay_step_s"], got["delay_rise_s"]] == pytest.approx([late_s, late_s], abs=0.5e-9)
 
 
 def test_conveyor_is_its_input_resistance_and_a_single_pole(measure: Measure, design: Design) -> None:
     got = measure("conveyor__ac")
-    # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
-    assert got["r_x_low_ohm"] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9, abs=0)
-    assert got["r_x_high_ohm"] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9, abs=0)
+    for name in ("r_x_low_ohm", "r_x_high_ohm"):
+        # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
+        assert got[name] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9, abs=0)
     # ac points at 1 kHz, and at the pole rounded to 4 digits: (1 kHz / 20 MHz)^2 is 3e-9, then the digits of
     # the frequency.
     assert got["gain_low"] == pytest.approx(1 + design.conveyor.gain_error, rel=1e-6, abs=0)
@@ -104,18 +101,16 @@ def test_conveyor_dc_is_offset_resistance_gain_and_limit(
     assert got["offset_v"] == pytest.approx(p.v_offset_v, abs=1e-9)
     assert got["g_z_s"] == pytest.approx(1 / p.r_z_ohm, rel=1e-6, abs=0)
     # beyond the limit 100 kohm remain: 0.7 V add 7 uA
-    assert got["i_max_a"] == pytest.approx(p.i_out_max_a * gain, rel=1e-3, abs=0)
-    assert got["i_min_a"] == pytest.approx(-p.i_out_max_a * gain, rel=1e-3, abs=0)
+    assert [got["i_max_a"], -got["i_min_a"]] == pytest.approx([p.i_out_max_a * gain] * 2, rel=1e-3, abs=0)
 
 
 def test_mirror_settles_with_its_pole_and_faster_with_more_devices(measure: Measure, design: Design) -> None:
     got = measure("mirror__tran")
     tau = design.mirror.t_pole_s
     k = design.interface.k_options
+    found = [got[name] for name in ("tau_fixed_s", "tau_k0_s", "tau_k3_s")]
     # Steps of 20 ps at a time constant of 8 ns, second order, and a logarithm of the ratio.
-    assert got["tau_fixed_s"] == pytest.approx(tau, rel=2e-3, abs=0)
-    assert got["tau_k0_s"] == pytest.approx(tau, rel=2e-3, abs=0)
-    assert got["tau_k3_s"] == pytest.approx(tau * k[0] / k[3], rel=2e-3, abs=0)
+    assert found == pytest.approx([tau, tau, tau * k[0] / k[3]], rel=2e-3, abs=0)
 
 
 # The mirror as it is, and with switches in series that compress its current, a pole and a lag.
@@ -155,16 +150,17 @@ def test_a_slow_mirror_follows_its_logistic_curve(measure: Measure, design: Desi
     got = measure("mirror_lag__tran", dut={"q_lag_c": q_lag_c})
     low, high = 1e-7, 1e-5
     top = logistic(high, low, q_lag_c, 9.9e-6)
+    low_again, floor = logistic(low, top, q_lag_c, 10e-6), 1e-6 * 25e-6
+    between = {
+        "i_up": logistic(high, low, q_lag_c, 20e-9),
+        "i_down": logistic(low, top, q_lag_c, 100e-9),
+        "i_low_again": logistic(low, top, q_lag_c, 9.9e-6),
+        "i_open": logistic(floor, low_again, q_lag_c, 10e-6),
+    }
     # Settled values to the bench's reltol of 1e-6; in between trapezoids of a logistic curve, a thousandth.
-    assert got["i_start"] == pytest.approx(low, rel=1e-6, abs=0)
-    assert got["i_up"] == pytest.approx(logistic(high, low, q_lag_c, 20e-9), rel=1e-3, abs=0)
-    assert got["i_top"] == pytest.approx(top, rel=1e-6, abs=0)
-    assert got["i_down"] == pytest.approx(logistic(low, top, q_lag_c, 100e-9), rel=1e-3, abs=0)
-    assert got["i_low_again"] == pytest.approx(logistic(low, top, q_lag_c, 9.9e-6), rel=1e-3, abs=0)
-    low_again = logistic(low, top, q_lag_c, 10e-6)
-    floor = 1e-6 * 25e-6
-    # Trapezoids of a logistic curve, a thousandth; the sunk copy is the same number.
-    assert got["i_open"] == pytest.approx(logistic(floor, low_again, q_lag_c, 10e-6), rel=1e-3, abs=0)
+    assert [got["i_start"], got["i_top"]] == pytest.approx([low, top], rel=1e-6, abs=0)
+    assert {name: got[name] for name in between} == pytest.approx(between, rel=1e-3, abs=0)
+    # The sunk copy is the same number.
     assert got["i_sunk"] == pytest.approx(-got["i_open"], rel=1e-9, abs=0)
     # what the gate took to rise: q ln(top / low)
     given = low * 0.1e-6 + high * 9.9e-6 - q_lag_c * math.log(top / low)

@@ -17,23 +17,9 @@ from dermis.report import verdict
 from dermis.scene.design import Design
 from scripts import board
 
-IDEAL = {
-    "gbw_hz": 1e9,
-    "slew_v_per_s": 1e10,
-    "gain_dc": 1e9,
-    "c_input_f": 1e-15,
-    "r_output_ohm": 1e-2,
-    "t_delay_s": 1e-10,
-    "r_pin_ohm": 0.1,
-    "c_pin_f": 1e-15,
-    "r_reset_ohm": 1e-2,
-    "c_injection_f": 1e-18,
-    "r_switch_ohm": 1e-3,
-}
-
-
-def outcome(changes: board.Changes, points: int, work: Path) -> str:
-    return verdict.judge("board.column_error_lsb", *board.column_error(changes, points, work))["status"]
+IDEAL = {"gbw_hz": 1e9, "slew_v_per_s": 1e10, "gain_dc": 1e9, "t_delay_s": 1e-10}
+IDEAL |= {"c_input_f": 1e-15, "c_pin_f": 1e-15, "c_injection_f": 1e-18}
+IDEAL |= {"r_output_ohm": 1e-2, "r_pin_ohm": 0.1, "r_reset_ohm": 1e-2, "r_switch_ohm": 1e-3}
 
 
 @pytest.mark.parametrize("code", [3, 100, 254])
@@ -58,7 +44,8 @@ def test_ideal_parts_count_like_charge_balance(tmp_path: Path, design: Design, c
 def test_a_board_is_within_its_limit_and_a_fault_is_not(
     tmp_path: Path, changes: board.Changes, status: str
 ) -> None:
-    assert outcome(changes, 3, tmp_path) == status
+    found = board.column_error(changes, 3, tmp_path)
+    assert verdict.judge("board.column_error_lsb", *found)["status"] == status
 
 
 def test_an_unknown_parameter_and_an_unmeasured_count_are_errors(tmp_path: Path) -> None:

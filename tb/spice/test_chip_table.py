@@ -33,9 +33,8 @@ def test_a_bow_and_a_wide_code_are_found() -> None:
     # Half a code on either side of the middle, where the bow is 6e-6 lower.
     assert chip_table.static(IDEAL + bow, 0.0)[0] == pytest.approx(0.4, abs=1e-4)
     wide = IDEAL + np.where(IDEAL > 100.0, 0.3, 0.0)
-    assert chip_table.static(wide, 0.0)[1] == pytest.approx(
-        0.3, abs=2e-3
-    )  # less the gain that it makes, 0.3 / 254
+    # Less the gain that it makes, 0.3 / 254.
+    assert chip_table.static(wide, 0.0)[1] == pytest.approx(0.3, abs=2e-3)
 
 
 @pytest.mark.parametrize(("k", "cols"), [(80, 1), (160, 16)])

@@ -30,14 +30,8 @@ def ideal(text: str) -> Iterator[str]:
 def test_every_pad_to_the_board_has_its_cell_and_the_supplies_a_clamp() -> None:
     for rows, cols in ((2, 3), (16, 16)):
         lines = [line.split() for line in sky130.front_end(rows, cols).splitlines()]
-        pads = {
-            *(f"row{r}" for r in range(rows)),
-            *(f"col{c}" for c in range(cols)),
-            "vbias",
-            "vref",
-            "r_ref",
-            "agnd",
-        }
+        pads = ["vbias", "vref", "r_ref", "agnd", *(f"row{r}" for r in range(rows))]
+        pads += [f"col{c}" for c in range(cols)]
         cells = [line[1:] for line in lines if line and line[-1] == "esd_pad"]
         assert sorted(cells) == sorted([pad, "vdd", "vss", "esd_pad"] for pad in pads)
         assert ["xclamp", "vdd", "vss", "esd_clamp"] in lines
@@ -46,9 +40,8 @@ def test_every_pad_to_the_board_has_its_cell_and_the_supplies_a_clamp() -> None:
 def test_the_circuits_have_devices_and_pins_alone() -> None:
     files = sorted(f for f in CIRCUIT.iterdir() if f.suffix in (".sp", ".inc"))
     assert len(files) > 15
-    found = {f.name: list(ideal(f.read_text())) for f in files}
     # The four transistors of the wheel are wrapped in subcircuits, whose device is an x line as well.
-    assert {name: lines for name, lines in found.items() if lines} == {}
+    assert {f.name: lines for f in files if (lines := list(ideal(f.read_text())))} == {}
 
 
 @pytest.mark.parametrize(
@@ -81,10 +74,7 @@ def test_the_front_end_starts_converts_senses_tests_and_stops(condition: Conditi
     ("right", "wrong"),
     [
         ("xbias vref r_ref", "xbias vbias r_ref"),
-        (
-            "xcolumn0 col0 d_charge0 d_preset d_range0 d_range1",
-            "xcolumn0 col0 d_charge0 d_preset d_range2 d_range3",
-        ),
+        ("col0 d_charge0 d_preset d_range0 d_range1", "col0 d_charge0 d_preset d_range2 d_range3"),
         ("xsense1 row1 d_sense1 v_half ibias_rows", "xsense1 row0 d_sense1 v_half ibias_rows"),
         pytest.param("xcolumn1 col1 d_charge1", "xcolumn1 col1 d_charge0", marks=pytest.mark.long),
     ],

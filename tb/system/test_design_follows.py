@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import tomllib
@@ -19,30 +20,21 @@ from scripts.demo import browser, demo
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1500)]
 
 TARGETS = (
-    "--rows 32 --cols 32 --bits 10 --f-clk-hz 10e6 --frame-s 8e-3 --settle-fraction 0.18 --write"
-).split()
-TESTS = (
-    "tb/model/test_calculator.py",
-    "tb/model/test_decode.py",
-    "tb/model/test_design.py",
-    "tb/model/test_generate.py",
-    "tb/model/test_register_files.py",
-    "tb/model/test_vfc.py",
-    "tb/rtl/gated_counter",
-    "tb/rtl/harden",
-    "tb/rtl/registers",
-    "tb/rtl/row_scanner",
-    "tb/spice/test_blocks.py",
+    "--rows 32 --cols 32 --bits 10 --f-clk-hz 10e6 --frame-s 8e-3 --settle-fraction 0.18 --write".split()
 )
+TESTS = [
+    *(f"tb/model/test_{name}.py" for name in "calculator decode design generate register_files vfc".split()),
+    *(f"tb/rtl/{name}" for name in "gated_counter harden registers row_scanner".split()),
+    "tb/spice/test_blocks.py",
+]
 
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Copy the checkout, with its environment as a link, and write the other design."""
     copy = tmp_path_factory.mktemp("follows") / "tree"
-    shutil.copytree(
-        ROOT, copy, ignore=shutil.ignore_patterns(".venv", ".git", "build", ".*cache*", ".hypothesis")
-    )
+    left_out = shutil.ignore_patterns(".venv", ".git", "build", ".*cache*", ".hypothesis")
+    shutil.copytree(ROOT, copy, ignore=left_out)
     (copy / ".venv").symlink_to(ROOT / ".venv")
     run(copy, "calc", *TARGETS)
     run(copy, "generate")
@@ -52,15 +44,9 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(tree: Path, *command: str, program: str = "dermis") -> str:
     """Run a command of the copy; return its output."""
     environment = {**os.environ, "PYTHONPATH": f"{tree / 'models'}{os.pathsep}{tree}"}
-    done = subprocess.run(
-        [str(tree / ".venv" / "bin" / program), *command],
-        cwd=tree,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=1200,
-    )
+    together = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    command = (str(tree / ".venv" / "bin" / program), *command)
+    done = subprocess.run(command, cwd=tree, env=environment, timeout=1200, **together)
     assert done.returncode == 0, done.stdout[-4000:]
     return done.stdout
 
@@ -68,11 +54,7 @@ def run(tree: Path, *command: str, program: str = "dermis") -> str:
 def test_generated_files_follow(tree: Path) -> None:
     assert "0 FAIL, 0 ERROR" in run(tree, "generate", "--check")
     header = (tree / "rtl" / "dermis_design.vh").read_text()
-    values = dict(
-        line.split()[1:]
-        for line in header.splitlines()
-        if line.startswith("`define DERMIS_") and line[-1].isdigit()
-    )
+    values = dict(re.findall(r"^`define (DERMIS_\w+) +(\d+)$", header, re.M))
     assert values["DERMIS_ROWS"] == values["DERMIS_COLS"] == "32"
     assert (values["DERMIS_CODE_BITS"], values["DERMIS_GATE_CLOCKS"]) == ("10", "2046")
     assert "set clk_period 100.0" in (tree / "rtl" / "synth" / "dermis.sdc").read_text()

@@ -15,27 +15,24 @@ from dermis.scene.design import ROOT
 PAGES = ("docs/tutorial.md", "docs/howto_design.md", "README.md")
 
 
+def python(folder: Path, code: str) -> str:
+    """Run code in a folder, warnings as errors; return its output."""
+    command = [sys.executable, "-W", "error", "-c", code]
+    run = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=150)
+    assert run.returncode == 0, run.stderr[-3000:]
+    return run.stdout
+
+
 @pytest.mark.parametrize("page", PAGES)
 @pytest.mark.paper
 def test_every_block_of_a_page_runs_in_order(page: str, tmp_path: Path) -> None:
     blocks = re.findall(r"^```python\n(.*?)^```$", (ROOT / page).read_text(encoding="utf-8"), re.M | re.S)
     assert blocks
-    run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", "\n".join(blocks)],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=150,
-    )
-    assert run.returncode == 0, run.stderr[-3000:]
+    python(tmp_path, "\n".join(blocks))
 
 
 def test_the_scene_of_the_tutorial_runs(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"^```toml\n(.*?)^```$", text, re.M | re.S)
     (tmp_path / "finger.toml").write_text(block)
-    code = "import dermis; print(dermis.simulate('finger.toml').codes.sum())"
-    run = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=150
-    )
-    assert int(run.stdout) > 0, run.stderr
+    assert int(python(tmp_path, "import dermis; print(dermis.simulate('finger.toml').codes.sum())")) > 0

@@ -27,10 +27,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         config = config.replace(f"build/{name}", str(tmp_path / name))
     config = config.replace("docs/theme", str(ROOT / "docs/theme"))
     (tmp_path / "mkdocs.yml").write_text(config)
-    monkeypatch.setattr(website, "CONFIG", tmp_path / "mkdocs.yml")
-    monkeypatch.setattr(website, "SOURCE", tmp_path / "site_source")
-    monkeypatch.setattr(website, "SITE", tmp_path / "site")
-    monkeypatch.setattr(website, "BUILD", tmp_path)
+    for name, place in (("CONFIG", "mkdocs.yml"), ("SOURCE", "site_source"), ("SITE", "site"), ("BUILD", "")):
+        monkeypatch.setattr(website, name, tmp_path / place)
     return tmp_path
 
 
@@ -39,10 +37,8 @@ def test_the_site_builds_and_loads_nothing_from_elsewhere(place: Path) -> None:
     assert result.exception is None, result.exception
     pages = list((place / "site").rglob("*.html"))
     assert len(pages) > 25
-    for page in pages:
-        assert not re.findall(
-            r'src="(?:https?:)?//|rel="stylesheet" href="http', page.read_text(encoding="utf-8")
-        )
+    elsewhere = re.compile(r'src="(?:https?:)?//|rel="stylesheet" href="http')
+    assert not [page for page in pages if elsewhere.search(page.read_text(encoding="utf-8"))]
     (file,) = set(re.findall(r'href="(tables/\w+\.csv)"', (place / "site" / "characterise.html").read_text()))
     recorded = (ROOT / "docs" / "characterise.md").read_text().count("\n| mismatch.")
     assert (place / "site" / file).read_text().count("\nmismatch.") == recorded > 10
@@ -55,13 +51,13 @@ def test_each_broken_link_is_a_warning_and_a_warning_ends_the_build(place: Path)
     faults = ("[x](nowhere.md)", "[x](index.md#nowhere)", "![x](figures/nowhere.png)")
 
     def broken() -> None:
-        website.write_source(place / "site_source")
+        website.write_source()
         with (place / "site_source" / "index.md").open("a") as page:
             page.write("\n" + "\n".join(faults) + "\n")
 
     with pytest.raises(SimulatorError, match="mkdocs"):
         website.build(broken)
-    warnings = [line for line in (place / "site.log").read_text().splitlines() if "WARNING" in line]
+    warnings = re.findall(r".*WARNING.*", (place / "site.log").read_text())
     for word in ("nowhere.md", "#nowhere", "figures/nowhere.png"):
         assert any(word in line for line in warnings)
 
@@ -107,11 +103,10 @@ def test_no_file_cites_a_page_that_is_not_there() -> None:
 @pytest.mark.paper
 def test_the_page_of_the_paper_has_every_figure_and_the_codes_of_the_indenters() -> None:
     text = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
-    assert re.findall(r"^\| (\d+) \|", text, re.M) == [str(figure) for figure in range(1, 12)]
-    named = {
-        int(n) for heading in re.findall(r"^## Fig\. (.*)", text, re.M) for n in re.findall(r"\d+", heading)
-    }
-    assert named == set(range(1, 12))
+    figures = [str(figure) for figure in range(1, 12)]
+    assert re.findall(r"^\| (\d+) \|", text, re.M) == figures
+    headings = " ".join(re.findall(r"^## Fig\. (.*)", text, re.M))
+    assert set(re.findall(r"\d+", headings)) == set(figures)
     for shape in ("flat", "triangular", "cylindrical"):
         (line,) = dermis.simulate(f"{shape}_indenter", engine="closed").codes[0, 8:9]
         half = [str(code) for code in line[:8] if code]
