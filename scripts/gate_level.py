@@ -162,12 +162,17 @@ def charge_balance(size: Size, gate: int, sck_hz: float) -> TopTest:
     return TopTest("client", {"x": x, "gate": gate, "sck_hz": sck_hz, "frames": 1})
 
 
+EACH_LINE = [
+    {},
+    *({"rows_low": [row]} for row in range(SMALL.rows)),
+    *({fault: [n]} for n in range(SMALL.cols) for fault in ("comparators_high", "comparators_low")),
+]
 PRESSED = [[(code, 510) for code in (200, 100, 255, 0, 30)]] * SMALL.rows
 # The tests of the top, as in tb/rtl/top/test_top.py.
 SMALL_TESTS = (
     charge_balance(SMALL, 510, 2.5e6),
     TopTest("configuration", {}),
-    TopTest("self_test", {}),
+    TopTest("self_test", {"x": PRESSED, "faults": EACH_LINE, "rates": [0x2AAB]}),
     TopTest("off", {"x": PRESSED}, False),
     TopTest("cuts", {"x": PRESSED, "seed": 5, "cuts": 24}),
     TopTest(

@@ -189,7 +189,8 @@ def judges(module: str, rtl: Path) -> str:
     block, bench, place = BLOCKS[module], ROOT / "tb" / "rtl", ROOT / formal.PLACE
     own = (Path(__file__), Path(__file__).with_name("mutate_plugin.py"), templates.path("equal.sby"))
     files = [*own, *bench.glob("*.py")]
-    for test in block.tests:
+    # `top` has the SPI client, and the bench of the self-test.
+    for test in {*block.tests, "top"}:
         files += [path for path in (bench / test).rglob("*") if path.suffix in (".py", ".v", ".json")]
     proofs = [formal.proofs()[name] for name in block.proofs]
     files += [place / "mutants.toml"]

@@ -114,13 +114,13 @@ async def reads_frames(dut: Any) -> None:
     frames: list[str] = []
 
     async def write(register: str, value: int) -> None:
-        await host.run(spi_protocol.write_register(getattr(register_map, register), value))
+        await host.write(getattr(register_map, register), value)
 
     async def read(register: str) -> int:
-        return await host.run(spi_protocol.read_register(getattr(register_map, register)))
+        return await host.read(getattr(register_map, register))
 
     # Before any frame was stored the memory is unknown: nothing of it may show.
-    frames.append((await host.run(spi_protocol.read_frame_bytes())).hex())
+    frames.append((await host.frame_bytes()).hex())
     registers = [await read("ID"), await read("GEOMETRY"), await read("FORMAT")]
     await write("SETTLE", s["settle"])
     await write("GATE", s["gate"])
@@ -131,7 +131,7 @@ async def reads_frames(dut: Any) -> None:
         if frame == 2:
             await write("CONTROL", 1 | 1 << 2)  # and a self-test frame
         await bench.until_ready(s["limit"])
-        data = await host.run(spi_protocol.read_frame_bytes())
+        data = await host.frame_bytes()
         spi_protocol.parse_frame(data)
         frames.append(data.hex())
     registers += [await read("STATUS"), await read("FRAME_NUMBER"), await read("LOST")]

@@ -64,13 +64,13 @@ async def read_out(dut: Any) -> None:
     await host.select()
     selected = int(dut.io_oeb.value)
     await host.deselect()
-    identity = await host.run(spi.read_register(rm.ID))
-    geometry = await host.run(spi.read_register(rm.GEOMETRY))
-    await host.run(spi.write_register(rm.GATE, GATE))
+    identity = await host.read(rm.ID)
+    geometry = await host.read(rm.GEOMETRY)
+    await host.write(rm.GATE, GATE)
     Driven(dut.io_in, ENABLE).value = 1
     while not Pad(dut.io_out, READY).value:
         await Timer(1, "us")
-    frame = spi.parse_frame(await host.run(spi.read_frame_bytes()))
+    frame = spi.parse_frame(await host.frame_bytes())
     report(
         {
             "idle": idle,

@@ -61,10 +61,6 @@ def test_configuration_changes_frames_and_their_rate(simulator: str) -> None:
     run(simulator, "configuration")
 
 
-def test_a_self_test_finds_each_broken_line_by_its_own_bit(simulator: str) -> None:
-    run(simulator, "self_test")
-
-
 WIRED = {"ROWS": 18, "COLS": 19, "CODE_BITS": 10, "GATE_CLOCKS": 60, "SETTLE_CLOCKS": 9, "BREAK_CLOCKS": 3}
 """No parameter at its default, no row a column, more of both than a word has bits."""
 
