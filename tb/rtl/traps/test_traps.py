@@ -118,7 +118,7 @@ def test_a_wrong_design_reads_its_own_number(name: str, tmp_path: Path) -> None:
     settings = {"gate_i": trap.gate, "settle_i": trap.settle}
     parameters = {"ROWS": len(trap.x), "COLS": len(trap.x[0]), **trap.parameters}
 
-    def counts(slots: int, fault: str | Path | None, **other: int) -> list[list[int]]:
+    def counts(slots: int, fault: Path | None, **other: int) -> list[list[int]]:
         scenario = {"x": trap.x, "slots": slots, "limit": 800 * slots + 50, "checks": fault is None}
         scenario |= {"settings": settings | other, **trap.more}
         seen = simulate("icarus", "bench_reader", "dermis_reader", "frames", parameters, scenario, trap=fault)
@@ -128,7 +128,7 @@ def test_a_wrong_design_reads_its_own_number(name: str, tmp_path: Path) -> None:
     if isinstance(trap.fault, dict):
         wrong = counts(len(trap.wrong), None, **trap.fault)
     elif isinstance(trap.fault, str):
-        wrong = counts(len(trap.wrong), trap.fault)
+        wrong = counts(len(trap.wrong), Path(__file__).with_name(f"{trap.fault}.v"))
     else:
         wrong = counts(len(trap.wrong), changed(tmp_path, "dermis_row_scanner", trap.fault))
     assert wrong == trap.wrong
