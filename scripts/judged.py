@@ -22,6 +22,11 @@ def tool(name: str, package: str | None = None) -> str:
     return found
 
 
+def none(name: str, found: Sequence[str], unit: str) -> verdict.Row:
+    """Judge that there are no findings; the first ones are in the note."""
+    return verdict.within(name, len(found), unit, None, 0, "; ".join(found[:5]))
+
+
 def finish(name: str, rows: Sequence[verdict.Row], title: str) -> int:
     """Write the rows to build/<name>.json, print them, and return the exit code."""
     verdict.write_rows(name, rows)
