@@ -223,9 +223,7 @@ def benches(root: Path = ROOT) -> list[Path]:
 
 
 def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
-    """Run the Verilator tests with counters, which write their counts to `place`; SimulatorError if
-    a test failed, so that its counts prove nothing.
-    """
+    """Run the Verilator tests with counters, which write them to `place`; SimulatorError if one failed."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "scripts.coverage", "-m", "", "-k", "verilator"]
     command += ["-n", "2", *map(str, tests)]
     log.unlink(missing_ok=True)

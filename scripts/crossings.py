@@ -184,9 +184,7 @@ WIRE = "module dermis_wire (input wire clk_i, rst_ni, d_i, output wire q_o); ass
 
 
 def seeded(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
-    """Yield the name of each fault of rtl/lint/crossings.toml and a copy of the Verilog that has it; ValueError if the
-    Verilog has no place for it.
-    """
+    """Yield each fault's name and a copy of the Verilog with it; ValueError if the Verilog has no place for it."""
     for name, fault in _rules(root)["seeded"].items():
         copy = folder / name
         shutil.copytree(root / "rtl", copy / "rtl")

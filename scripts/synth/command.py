@@ -33,10 +33,8 @@ MARKS = {
     name: (f"<!-- begin: {name} (written by dermis {command} --docs) -->", f"<!-- end: {name} -->")
     for name, command in (("synth", "synth"), ("blocks", "synth"), ("sizes", "synth --sizes"), ("gl", "gl"))
 }
-# Small, the paper's, large, and one column.
-SIZES = ((8, 8), (16, 16), (64, 64), (16, 1))
-# Above this number of bits, frame memory in flip-flops takes Yosys minutes; it is left out, with a
-# note.
+SIZES = ((8, 8), (16, 16), (64, 64), (16, 1))  # small, the paper's, large, and one column
+# Above this number of bits, Yosys takes minutes for a frame memory of latches; it is left out, with a note.
 MEMORY_LIMIT_BITS = 20_000
 
 
@@ -77,7 +75,7 @@ def netlist_rows(netlist: Netlist, size: Size, suffix: str, *, memory: bool = Tr
     flops = f"{n.unreset} flops without reset, {unreset} of them at the frame memory"
     error = abs(latches - intended) + abs(n.latches - latches)
     judged = {
-        "inferred_latches": (n.inferred_latches, ""),
+        "inferred_latches": (n.inferred_latches,),
         "latch_count_error": (error, counts),
         "unreset_flop_error": (abs(n.unreset - unreset), flops),
         "unmapped_cells": (sum(n.unmapped.values()), ", ".join(sorted(n.unmapped)[:3])),
@@ -89,10 +87,6 @@ def netlist_rows(netlist: Netlist, size: Size, suffix: str, *, memory: bool = Tr
         verdict.report(f"synth.area_um2.{suffix}", n.area_um2, "um2"),
         verdict.report(f"synth.flops.{suffix}", n.flops, "flops", f"and {n.latches} latches"),
     ]
-
-
-def _shown(path: Path_) -> str:
-    return f"{path.start} to {path.end}, {len(path.cells)} cells"
 
 
 def timing_rows(technology: Technology, netlist: Netlist, suffix: str) -> list[Row]:
@@ -107,21 +101,21 @@ def timing_rows(technology: Technology, netlist: Netlist, suffix: str) -> list[R
         early, late = technology.derates(at.corner)
         factor = late if path.kind == "max" else early
         derate = f", delays x {factor:g}" if factor != 1.0 else ""
-        return f"corner {at.corner}{derate}; {_shown(path)}"
+        return f"corner {at.corner}{derate}; {path}"
 
     setup = slow.worst(periods)
     untimed = slow.untimed()
     hold = setup if slow == fast else fast.worst(periods)
     rows = [verdict.judge(f"synth.untimed_pins.{suffix}", len(untimed), ", ".join(untimed[:3]))]
-    for clock in CLOCKS:
-        for name, at, path in (("setup", slow, setup[clock, "max"]), ("hold", fast, hold[clock, "min"])):
-            row = f"synth.{name}_slack_ns.{clock}.{suffix}"
-            rows.append(verdict.judge(row, path.slack_ns, said(at, path)))
-    for name, at, path in (("setup", slow, setup[GATING, "max"]), ("hold", fast, hold[GATING, "min"])):
-        rows.append(verdict.judge(f"synth.gating_{name}_slack_ns.{suffix}", path.slack_ns, said(at, path)))
-    for name, at, path in (("recovery", slow, setup[ASYNC, "max"]), ("removal", fast, hold[ASYNC, "min"])):
-        note = f"{said(at, path)}; one gate drives all, before the tree of layout"
-        rows.append(verdict.measured(f"synth.{name}_slack_ns.{suffix}", path.slack_ns, "ns", note))
+    named = {clock: (f"setup_slack_ns.{clock}", f"hold_slack_ns.{clock}") for clock in CLOCKS}
+    named |= {GATING: ("gating_setup_slack_ns", "gating_hold_slack_ns")}
+    named |= {ASYNC: ("recovery_slack_ns", "removal_slack_ns")}
+    for group, names in named.items():
+        tree = "; one gate drives all, before the tree of layout" if group == ASYNC else ""
+        worst = (slow, setup[group, "max"]), (fast, hold[group, "min"])
+        for name, (at, path) in zip(names, worst, strict=True):
+            note = f"{said(at, path)}{tree}"
+            rows.append(verdict.measured(f"synth.{name}.{suffix}", path.slack_ns, "ns", note))
     skew, width = slow.skew_ns("charge_o*", periods)
     note = f"corner {slow.corner}; rise and fall of a column differ by {width:.2f} ns, a gain of all columns"
     rows.append(verdict.judge(f"synth.charge_skew_ns.{suffix}", skew, note))
@@ -228,9 +222,7 @@ def size_rows(technology: Technology, size: Size) -> list[Row]:
         directory = made.directory / "sizes"
         at = Timing(technology, technology.slow, made.verilog, directory, black_boxes=not whole)
         return [
-            verdict.measured(
-                f"synth.highest_mhz.{clock}.{suffix}", 1e3 / one.period_ns, "MHz", _shown(one.path)
-            )
+            verdict.measured(f"synth.highest_mhz.{clock}.{suffix}", 1e3 / one.period_ns, "MHz", str(one.path))
             for clock, one in at.highest(sdc_periods()).items()
         ]
 

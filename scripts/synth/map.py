@@ -27,8 +27,7 @@ from scripts.synth.cells import Cell, Technology, areas, cells, for_cells, mappi
 TOP = "dermis_top"
 RAM = "dermis_tech_ram"
 YOSYS_LIMIT_S = 900.0
-# Target delay of ABC in ps: short, for a meaningful highest clock; it hardly changes the area at 5
-# MHz.
+# Target delay of ABC in ps, short for a meaningful highest clock; the area at 5 MHz hardly changes.
 DELAY_PS = 5000
 
 _MESSAGE = re.compile(r"^(?:\S+:\d+: )?(?:Warning|ERROR): .*$", re.MULTILINE)
@@ -106,9 +105,7 @@ class Netlist:
 
 
 def run_yosys(script: Sequence[str], directory: Path, name: str, limit_s: float = YOSYS_LIMIT_S) -> str:
-    """Run a Yosys script; return its output. SimulatorError, with the first line of that, if it
-    failed, timed out or warned.
-    """
+    """Run a Yosys script; return its output. SimulatorError if it failed, timed out or warned."""
     file, log = directory / f"{name}.ys", directory / f"{name}.log"
     file.write_text("\n".join(script) + "\n")
     log.unlink(missing_ok=True)
@@ -137,9 +134,8 @@ def elaborate(size: Mapping[str, int], top: str = TOP) -> list[str]:
     return [f"hierarchy -check -top {top} {parameters}", "proc", "check -assert"]
 
 
-# Undriven bits, such as words past the end of a memory, are 0 on both sides of the proof. The order
-# matters: an open enable of a read port would become 0 too. The check for undriven wires comes
-# before.
+# Undriven bits, such as words past the end of a memory, are 0 on both sides of the proof. The check for undriven
+# wires comes before; in another order an open enable of a read port would become 0 too.
 WORDS_TO_FLOPS = ["memory -nomap", "opt_clean", "memory_map", "setundef -undriven -zero", "opt_clean"]
 
 

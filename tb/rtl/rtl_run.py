@@ -9,14 +9,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dermis.chip import hdl
 from dermis.chip.sources import rtl_sources
 from dermis.errors import SimulatorError
 from dermis.scene.design import ROOT
 from scripts.cocotb_run import run_bench
-
-# Not moved with ROOT by scripts/mutate_plugin.py: a seeded fault is one of the right module.
-RTL = ROOT / "rtl"
 
 
 def _sources(trap: Path | None, around: Sequence[Path]) -> list[Path]:
@@ -68,10 +64,9 @@ def simulate(
     parameters, sources = parameters or {}, _sources(trap, around)
     if toplevel == "dermis_top" and (netlist := os.environ.get("DERMIS_NETLIST")):
         parameters, sources = {}, [Path(name) for name in netlist.split(os.pathsep)]
-    # No optimisation of the C++: the compiler, not the simulation, takes the time here.
-    build = hdl.build(simulator, toplevel, parameters, sources=sources, optimise=False, where="rtl")
+    design = {"parameters": parameters, "sources": sources, "where": "rtl"}
     try:
-        return run_bench(simulator, build, toplevel, bench, testcase, scenario or {}, ROOT / "build" / "rtl")
+        return run_bench(simulator, toplevel, bench, testcase, scenario or {}, **design)
     except SimulatorError as error:
         log = Path(error.log) if error.log else None
         end = log.read_text()[-6000:] if log and log.exists() else "no log"
@@ -86,9 +81,7 @@ def play(
     parameters: Mapping[str, int] | None = None,
     trap: Path | None = None,
 ) -> list[tuple[dict[str, int], dict[str, int]]]:
-    """Drive the inputs of a module clock by clock from a reset; return its outputs behind each
-    rising and each falling edge.
-    """
+    """Drive a module clock by clock from a reset; return its outputs behind each rising and each falling edge."""
     ports = list(steps[0])
     scenario = {"ports": ports, "outputs": outputs, "steps": [[step[p] for p in ports] for step in steps]}
     seen = simulate(simulator, "bench_unit", module, "play", parameters, scenario, trap=trap)
@@ -96,10 +89,8 @@ def play(
 
 
 def changed(tmp_path: Path, module: str | Path, *changes: tuple[str, str], more: str = "") -> Path:
-    """Return a copy of a module of rtl/, or of a file, with seeded faults, each a text that occurs once
-    and its replacement; `more` is put behind it.
-    """
-    path = RTL / f"{module}.v" if isinstance(module, str) else module
+    """Copy a module of rtl/, or a file, with changes (text that occurs once, replacement) and `more` at its end."""
+    path = ROOT / "rtl" / f"{module}.v" if isinstance(module, str) else module
     text = path.read_text()
     for old, new in changes:
         assert text.count(old) == 1, old

@@ -14,8 +14,7 @@ from spi_client import Pins
 from dermis.chip import register_map, spi_protocol
 
 HALF_NS = 100
-# SPI edges fall 7 ns beside multiples of 20 ns, clock edges upon one: crossings are seen alike with
-# and without delays.
+# SPI edges fall 7 ns beside multiples of 20 ns, clock edges upon one: flop delays change no crossing.
 SPI_PERIOD_PS = 80_000
 SPI_OFFSET_NS = 7
 PINS = (

@@ -122,9 +122,7 @@ DIGITAL = {
 
 
 def test_the_table_of_pads_is_that_of_the_wrapper() -> None:
-    """Signals of docs/handover.md on pads of their own; digital ones, rows and reference where the
-    wrapper has them.
-    """
+    """Each signal of docs/handover.md has its own pad, if digital, row or reference that of the wrapper."""
     table = re.findall(
         r"^\| (\d+) \| `(\w+)\[(\d+)\]` \| ([^|]+) \|",
         (ROOT / "docs" / "handover.md").read_text(),

@@ -155,9 +155,7 @@ def row_of(slot: int, counts: list[int], first: int, last: int, mode: int = 0) -
 
 
 def test_pedestals_and_a_frame_that_is_cut(simulator: str) -> None:
-    """The last dark slot is the pedestal of rows, not of special slots; mode 3 is none; a cut frame
-    never ends, and the next is whole.
-    """
+    """The last dark slot is the pedestal of rows; mode 3 has none; a cut frame never ends, and the next is whole."""
     rows = [
         row_of(DARK, [3, 300, 0], 1, 0, 2),
         row_of(7, [10, 400, 5], 0, 1, 2),

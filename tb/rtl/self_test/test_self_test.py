@@ -50,8 +50,7 @@ def test_each_fault_is_found_and_named_without_a_sensor(simulator: str) -> None:
     found = self_test(simulator, [fault for fault, _ in FAULTS], rates=rates)
     for (fault, wanted), seen in zip(FAULTS, found, strict=True):
         assert seen == wanted, fault
-    # A pressed row that stays on lights every column in the dark slot, and in the full slots those
-    # without current.
+    # A pressed row that stays on lights all columns in the dark slot, in full slots those without current.
     pressed = [[(1, 2)] * COLS] * ROWS
     assert self_test(simulator, [{"rows_high": [2]}], pressed) == [{"row": [2], "dark": [0, 1, 2, 3, 4]}]
 

@@ -41,8 +41,7 @@ def test_pulse_is_the_gated_sample_at_its_stated_half_clock(simulator: str, form
     q = decisions(seen)
     assert 500 < sum(q) < len(q) / 2
     halves = [half for _, _, high, low in seen for half in (high, low)]
-    # Each decision lasts a clock: from the next rising edge (two flops) or from this falling edge
-    # (latch).
+    # A decision lasts a clock, from the next rising edge (two flops) or this falling edge (latch).
     delay = 2 if form == "dermis_sync_ff" else 1
     wanted = [0] * delay + [v for v in q for _ in (0, 1)]
     assert halves == wanted[: len(halves)]

@@ -176,9 +176,7 @@ async def shot(chip: Chip, host: Pins, control: int) -> spi.Frame:
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def self_test(dut: Any) -> None:
-    """Report what a self-test finds in an array with each fault in turn, by name of the mask; then
-    check that the injected pulses are the rate times the gate.
-    """
+    """Report the faults that a self-test finds in each faulty array; check its injected pulses at each rate."""
     s = scenario()
     chip = Chip(dut, s["parameters"], x=s["x"])
     host = Pins(dut, chip.clock_ps // 8)
@@ -316,8 +314,7 @@ async def traffic(dut: Any) -> None:
     host = Pins(dut, chip.clock_ps)
     await chip.reset()
     model = RegisterModel(chip.rows, chip.cols, chip.code_bits, reset_values(p))
-    # Settings of a frame, which accepted writes leave unchanged, so that every frame can be
-    # predicted.
+    # Settings of a frame, which writes leave unchanged, so that every frame can be predicted.
     fixed = {rm.CONTROL, rm.SETTLE, rm.GATE, rm.ROW_MASK, *range(rm.PEDESTAL, 256)}
     free = sorted(set(model.values) - fixed)
     done = dict.fromkeys(("write", "refused", "read", "frame", "crc", "cut", "opcode", "stop", "bounce"), 0)
