@@ -126,5 +126,5 @@ def fpga_command(board: str | None) -> int:
     with progress.slots("fpga", len(chosen), "boards") as tell:
         for done, name in enumerate(chosen):
             tell(done, name)
-            attempt(rows, f"fpga.{name}", lambda name=name: build(name))
+            attempt(rows, f"fpga.{name}", build, name)
     return judged.finish("fpga", rows, "FPGA boards, untried on hardware")

@@ -8,7 +8,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -51,12 +51,7 @@ class Size:
 
     @property
     def parameters(self) -> dict[str, int]:
-        return {
-            "ROWS": self.rows,
-            "COLS": self.cols,
-            "CODE_BITS": self.code_bits,
-            "SYNC_LATCH": int(self.sync_latch),
-        }
+        return {name.upper(): int(value) for name, value in asdict(self).items()}
 
     @property
     def latches(self) -> int:
@@ -158,18 +153,17 @@ def map_design(
     black_box_memory : leave dermis_tech_ram out, like a memory macro
     """
     directory.mkdir(parents=True, exist_ok=True)
-    liberty = technology.liberty(technology.corners[0])
-    choice = mapping_liberty(technology, liberty, directory / "map.lib")
-    library = cells(liberty)
+    choice, library = mapping_liberty(technology, directory / "map.lib"), cells(technology.typical)
     constraint = directory / "abc.constr"
     constraint.write_text(f"set_driving_cell {technology.driver}\nset_load {technology.load_ff:g}\n")
     name = "hierarchical" if hierarchical else "netlist"
     netlist = Netlist(technology, directory, directory / f"{name}.v", directory / f"{name}.json")
-    for stale in (netlist.counts, netlist.verilog, netlist.json):
+    made = netlist.counts, netlist.verilog, netlist.json
+    for stale in made:
         stale.unlink(missing_ok=True)
     script = templates.text(
         "map.ys",
-        liberty=liberty,
+        liberty=technology.typical,
         choice=choice,
         library=library,
         technology=technology,
@@ -183,7 +177,7 @@ def map_design(
         netlist=netlist,
     ).splitlines()
     run_yosys(script, directory, name)
-    if not netlist.json.is_file() or not netlist.verilog.is_file() or not netlist.counts.is_file():
+    if not all(path.is_file() for path in made):
         raise SimulatorError("Yosys wrote no netlist", directory / f"{name}.log")
     read_netlist(netlist, top, library)
     return netlist
@@ -202,12 +196,7 @@ def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
     digest = hashlib.sha256(json.dumps(what, sort_keys=True).encode())
     headers = [h for d in rtl_include_dirs() for h in sorted(d.glob("*.vh"))]
     own = [Path(__file__), Path(synth_cells.__file__), templates.path("map.ys")]
-    for path in [
-        *for_cells(rtl_sources(), technology),
-        *headers,
-        *own,
-        technology.liberty(technology.corners[0]),
-    ]:
+    for path in [*for_cells(rtl_sources(), technology), *headers, *own, technology.typical]:
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
@@ -230,7 +219,7 @@ def map_once(
     with locked(directory / "lock"):
         there = mark.is_file() and netlist.verilog.is_file() and netlist.json.is_file()
         if there and not fresh and mark.read_text() == content():
-            read_netlist(netlist, TOP, cells(technology.liberty(technology.corners[0])))
+            read_netlist(netlist, TOP, cells(technology.typical))
             return netlist
         mark.unlink(missing_ok=True)
         netlist = map_design(technology, parameters, directory)
