@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every cocotb bench needs: the scenario, the report, clock edges and a reset."""
+"""What every cocotb bench needs, and the test of any module with clk_i and rst_ni, clock by clock."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import cocotb
 from cocotb.triggers import Timer
 
 HALF_NS = 100  # half a clock of 5 MHz
@@ -44,3 +45,22 @@ async def reset(dut: Any, inputs: Iterable[str]) -> None:
     await Timer(10, "ns")
     dut.rst_ni.value = 1
     await fall(dut)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def play(dut: Any) -> None:
+    """Play the steps; report the outputs behind each rising and each falling edge."""
+    s = scenario()
+    outputs = [getattr(dut, name) for name in s["outputs"]]
+    await reset(dut, s["ports"])
+    assert all(output.value.is_resolvable for output in outputs), "unknown after reset"
+    seen = []
+    for values in s["steps"]:
+        for name, value in zip(s["ports"], values, strict=True):
+            getattr(dut, name).value = value
+        await Timer(1, "ns")
+        await rise(dut)
+        high = [int(output.value) for output in outputs]
+        await fall(dut)
+        seen.append([high, [int(output.value) for output in outputs]])
+    report(seen)

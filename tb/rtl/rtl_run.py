@@ -84,7 +84,7 @@ def play(
     """Drive a module clock by clock from a reset; return its outputs behind each rising and each falling edge."""
     ports = list(steps[0])
     scenario = {"ports": ports, "outputs": outputs, "steps": [[step[p] for p in ports] for step in steps]}
-    seen = simulate(simulator, "bench_unit", module, "play", parameters, scenario, trap=trap)
+    seen = simulate(simulator, "rtl_bench", module, "play", parameters, scenario, trap=trap)
     return [tuple(dict(zip(outputs, values, strict=True)) for values in edges) for edges in seen]
 
 
