@@ -23,7 +23,7 @@ from typing import Any
 import click
 
 from dermis.chip import hdl
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.places import BUILD, ROOT
 from dermis.processes import children
@@ -334,20 +334,13 @@ def _judge(
     return fate(doubts, _equivalent(mutant.module, block, rtl, tree, work))
 
 
-def _count(results: Sequence[Mapping[str, Any]]) -> tuple[Counter[str], float | None]:
-    """Return the numbers by fate, of the killed also by "proof" and "test", and the killed share of
-    those that are not equivalent; undecided counts as alive.
-    """
+def _summary(results: Sequence[Mapping[str, Any]]) -> tuple[float | None, str]:
+    """Return the killed share of the mutants that are not equivalent (undecided is alive), and the numbers by fate."""
     count = Counter(result["fate"] for result in results)
-    count.update(str(result["by"]).split()[0] for result in results if result["fate"] == "killed")
+    tests = sum(result["fate"] == "killed" and result["by"].startswith("test ") for result in results)
     judged = count["killed"] + count["survives"] + count["undecided"]
-    return count, count["killed"] / judged if judged else None
-
-
-def _note(results: Sequence[Mapping[str, Any]]) -> str:
-    count, _ = _count(results)
-    return (
-        f"{len(results)} tried: {count['killed']} killed ({count['test']} by tests), "
+    return count["killed"] / judged if judged else None, (
+        f"{len(results)} tried: {count['killed']} killed ({tests} by tests), "
         f"{count['equivalent']} equivalent, {count['survives']} survive, {count['undecided']} undecided, "
         f"{count['stillborn']} do not compile"
     )
@@ -370,7 +363,7 @@ def table(rows: Sequence[verdict.Row], results: Mapping[str, Sequence[Mapping[st
 
 
 @click.command(context_settings=SHOW)
-@click.argument("modules", nargs=-1, metavar="[MODULE]...")
+@click.argument("modules", nargs=-1, metavar="[MODULE]...", type=click.Choice([*BLOCKS]))
 @click.option("--sample", "count", type=click.IntRange(1), default=SAMPLE, help="Mutants per module.")
 @click.option("--seed", type=int, default=1, help="Random seed of the sample.")
 @click.option("--limit", "limit_s", type=float, default=1800.0, help="Seconds; the next call continues.")
@@ -383,9 +376,6 @@ def mutate_command(
 
     The table of the results is in build/mutation.md.
     """
-    for name in modules:
-        if name not in BLOCKS:
-            raise InputError("command line", "MODULE", name, f"one of {', '.join(BLOCKS)}")
     hdl.prepare("icarus")
     formal.tools()
     rtl, place = ROOT / "rtl", BUILD / "mutate"
@@ -423,14 +413,15 @@ def mutate_command(
     rows, results = [], {}
     for name, made in chosen.items():
         found = results[name] = [kept[name].pieces[m.key] for m in made if m.key in kept[name].pieces]
-        row = verdict.report(f"mutate.{name}", _count(found)[1], "ratio", _note(found))
+        share, note = _summary(found)
+        row = verdict.report(f"mutate.{name}", share, "ratio", note)
         if missing := len(made) - len(found):
-            note = f"{missing} not tried: {failed.get(name, 'call again to continue')}; {row['note']}"
-            row |= {"status": "ERROR", "note": note}
+            why = failed.get(name, "call again to continue")
+            row |= {"status": "ERROR", "note": f"{missing} not tried: {why}; {note}"}
         rows.append(row)
     every = [result for found in results.values() for result in found]
-    note = f"{len(chosen)} of {len(BLOCKS)} modules, {_note(every)}"
-    whole = verdict.judge("mutate.killed", _count(every)[1], note)
+    share, note = _summary(every)
+    whole = verdict.judge("mutate.killed", share, f"{len(chosen)} of {len(BLOCKS)} modules, {note}")
     rows.append(whole | {"status": "ERROR"} if len(every) < sum(map(len, chosen.values())) else whole)
     write_atomic(BUILD / "mutation.md", table(rows, results))
     return finish("mutate", rows, f"Mutants (seed {seed}); build/mutation.md lists those not killed")
