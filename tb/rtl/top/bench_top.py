@@ -13,7 +13,7 @@ from cocotb.triggers import RisingEdge, Timer, ValueChange
 from cocotb.utils import get_sim_time
 from rtl_bench import report, scenario
 from spi_client import Pins
-from top_bench import CLOCK_PS, Chip, RegisterModel, reset_values
+from top_bench import CLOCK_PS, Chip, Levels, RegisterModel, reset_values
 
 from dermis.chip import register_map as rm
 from dermis.chip import spi_protocol as spi
@@ -34,6 +34,19 @@ def own_pattern(frame: int, row: int) -> int:
     return (frame * 0x9E3779B1 ^ (row + 1) * 0x85EBCA6B) >> 7
 
 
+async def start(
+    dut: Any, levels: Levels = own_pattern, ratio: int = 1, enable: bool = True
+) -> tuple[dict[str, Any], Chip, Pins]:
+    """Power up; return the scenario, the chip, with charge balance if there is an x, and a host with SCK at
+    `ratio` times clk.
+    """
+    s = scenario()
+    chip = Chip(dut, s["parameters"], levels, s.get("x"))
+    host = Pins(dut, chip.clock_ps // ratio)
+    await chip.reset(enable)
+    return s, chip, host
+
+
 async def wait_ready(chip: Chip, limit_clocks: float) -> None:
     """Wait for a new frame."""
     for _ in range(int(limit_clocks / 2)):
@@ -52,12 +65,8 @@ def same(frame: bytes, expected: spi.Frame) -> None:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def client(dut: Any) -> None:
     """Identity, every register and frames of charge-balance columns."""
-    s = scenario()
-    p, gate = s["parameters"], s["gate"]
-    chip = Chip(dut, p, x=s["x"])
-    host = Pins(dut, round(1e12 / s["sck_hz"]))
-    await chip.reset(enable=False)
-
+    s, chip, host = await start(dut, enable=False)
+    p, gate, host.period_ps = s["parameters"], s["gate"], round(1e12 / s["sck_hz"])
     for address, value in (
         (rm.ID, 0xDE01),
         (rm.GEOMETRY, p["ROWS"] << 8 | p["COLS"]),
@@ -78,10 +87,9 @@ async def client(dut: Any) -> None:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def configuration(dut: Any) -> None:
     """Settle, gate, mask, dark slot, pedestals, range, single shot: times measured, codes exact."""
-    p = scenario()["parameters"]
-    chip = Chip(dut, p, levels=own_pattern)
-    host = Pins(dut, chip.clock_ps)
-    rows, cols, gate, settle = chip.rows, chip.cols, p["GATE_CLOCKS"], p["SETTLE_CLOCKS"]
+    s, chip, host = await start(dut)
+    rows, cols = chip.rows, chip.cols
+    gate, settle = (s["parameters"][name] for name in ("GATE_CLOCKS", "SETTLE_CLOCKS"))
 
     async def frame_clocks() -> float:
         """Return the clocks from frame to frame, of the second frame from now."""
@@ -100,7 +108,6 @@ async def configuration(dut: Any) -> None:
                 same(data, chip.expected(got, **expected))
                 return
 
-    await chip.reset()
     two, pedestals = {"gate": 50, "row_mask": 0b0101}, [3 * c for c in range(cols)]
     # Break and two clocks are the shortest settle; a gate of 600 passes full scale.
     for writes, clocks, holds in (
@@ -177,10 +184,7 @@ async def shot(chip: Chip, host: Pins, control: int) -> spi.Frame:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def self_test(dut: Any) -> None:
     """Report the faults that a self-test finds in each faulty array; check its injected pulses at each rate."""
-    s = scenario()
-    chip = Chip(dut, s["parameters"], x=s["x"])
-    host = Pins(dut, chip.clock_ps // 8)
-    await chip.reset()
+    s, chip, host = await start(dut, ratio=8)
     # Full scale is 31.
     for address, value in ((rm.CONTROL, 0), (rm.GATE, 62), (rm.DARK_MAX, 2), (rm.FULL_MIN, 28)):
         await host.write(address, value)
@@ -213,9 +217,8 @@ async def self_test(dut: Any) -> None:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def lengths(dut: Any) -> None:
     """The longest and the shortest slots, each row by itself, and enable falling in the middle of a slot."""
-    chip = Chip(dut, scenario()["parameters"], levels=lambda _frame, _row: -1)
-    host, longest = Pins(dut, chip.clock_ps), scenario()["longest"]
-    await chip.reset()
+    s, chip, host = await start(dut, levels=lambda _frame, _row: -1)
+    longest = s["longest"]
     await host.write(rm.CONTROL, 0)
     await chip.clocks(2 * chip.rows * 70)
     each = [(6, 60, 1 << row) for row in range(chip.rows)]
@@ -240,10 +243,8 @@ async def lengths(dut: Any) -> None:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def size(dut: Any) -> None:
     """Geometry, the end of each list of registers, and a whole frame."""
-    p = scenario()["parameters"]
-    chip = Chip(dut, p, levels=own_pattern)
-    host = Pins(dut, chip.clock_ps // 8)
-    await chip.reset()
+    s, chip, host = await start(dut, ratio=8)
+    p = s["parameters"]
     assert await host.read(rm.GEOMETRY) == chip.rows << 8 | chip.cols
     model = RegisterModel(chip.rows, chip.cols, chip.code_bits, reset_values(p))
     for register in rm.REGISTERS.values():
@@ -270,12 +271,8 @@ async def size(dut: Any) -> None:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def ratios(dut: Any) -> None:
     """Registers and frames at each ratio of SCK to clk; how many wait bytes come."""
-    s = scenario()
-    p, gate = s["parameters"], 20
-    chip = Chip(dut, p, levels=own_pattern)
-    host = Pins(dut, chip.clock_ps)
-    await chip.reset()
-    rng = random.Random(5)
+    s, chip, host = await start(dut)
+    gate, rng = 20, random.Random(5)
     waits: list[dict[str, Any]] = []
     for ratio in s["ratios"]:
         host.period_ps = round(chip.clock_ps / ratio) // 2 * 2
@@ -307,12 +304,8 @@ async def ratios(dut: Any) -> None:
 @cocotb.test(timeout_time=20, timeout_unit="sec")
 async def traffic(dut: Any) -> None:
     """Random SPI traffic, most of it wrong, while frames run."""
-    s = scenario()
-    p = s["parameters"]
-    rng = random.Random(s["seed"])
-    chip = Chip(dut, p, levels=own_pattern)
-    host = Pins(dut, chip.clock_ps)
-    await chip.reset()
+    s, chip, host = await start(dut)
+    p, rng = s["parameters"], random.Random(s["seed"])
     model = RegisterModel(chip.rows, chip.cols, chip.code_bits, reset_values(p))
     # Settings of a frame, which writes leave unchanged, so that every frame can be predicted.
     fixed = {rm.CONTROL, rm.SETTLE, rm.GATE, rm.ROW_MASK, *range(rm.PEDESTAL, 256)}
@@ -481,10 +474,9 @@ async def counters(dut: Any) -> None:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def wiring(dut: Any) -> None:
     """Every status bit, header flag and pin, with no parameter at its default."""
-    p = scenario()["parameters"]
-    chip = Chip(dut, p, levels=own_pattern)
-    host = Pins(dut, chip.clock_ps // 8)
-    rows, cols, gate, settle = chip.rows, chip.cols, p["GATE_CLOCKS"], p["SETTLE_CLOCKS"]
+    s, chip, host = await start(dut, ratio=8, enable=False)
+    p, rows, cols = s["parameters"], chip.rows, chip.cols
+    gate, settle = p["GATE_CLOCKS"], p["SETTLE_CLOCKS"]
 
     async def begin(control: int) -> None:
         """Write CONTROL and wait for the frame that it begins."""
@@ -497,7 +489,6 @@ async def wiring(dut: Any) -> None:
         return await host.read(rm.STATUS)
 
     # CIPO is driven while the chip is selected, and by nothing else.
-    await chip.reset(enable=False)
     assert int(dut.spi_cipo_oe_o.value) == 0
     await host.select()
     assert int(dut.spi_cipo_oe_o.value) == 1
@@ -561,9 +552,8 @@ async def wiring(dut: Any) -> None:
     # A self-test: its pulses begin with its gate, its limits have 16 bits, its faults are in the next header.
     long = 2 ** (chip.code_bits + 1) - 20
     await host.write(rm.GATE, long)
-    await host.write(
-        rm.TEST_RATE, rate := 0x2AAA
-    )  # 337.98 pulses in 2 028 clocks: any phase at their start makes one more
+    rate = 0x2AAA  # 337.98 pulses in 2 028 clocks: any phase at their start makes one more
+    await host.write(rm.TEST_RATE, rate)
     counts = []
     await host.write(rm.DARK_MAX, long)
     for full_min, broken, lit in (
@@ -613,9 +603,7 @@ async def wiring(dut: Any) -> None:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def off(dut: Any) -> None:
     """The clock stops at each level while a row is driven or tested; enable_i takes the analog side off."""
-    s = scenario()
-    chip = Chip(dut, s["parameters"], x=s["x"])
-    host = Pins(dut, chip.clock_ps // 8)
+    _, chip, host = await start(dut, ratio=8)
     rng = random.Random(3)
 
     def on() -> int:
@@ -650,12 +638,8 @@ async def cuts(dut: Any) -> None:
     """enable_i falls at any time, often for less than a clock, most often around the last sample of
     a slot: each frame that comes is exact, no row is called broken, and a test that was cut says so.
     """
-    s = scenario()
-    p = s["parameters"]
-    chip = Chip(dut, p, x=s["x"])
-    host = Pins(dut, chip.clock_ps // 8)
-    rng = random.Random(s["seed"])
-    await chip.reset()
+    s, chip, host = await start(dut, ratio=8)
+    p, rng = s["parameters"], random.Random(s["seed"])
     rows, slot = chip.rows, p["GATE_CLOCKS"] + p["SETTLE_CLOCKS"]
     read = 0
     for n in range(s["cuts"]):
@@ -684,9 +668,7 @@ async def commits(dut: Any) -> None:
     """Settings written under CONTROL.hold act together: each frame has slots, gate, settle, dark
     slot and pedestal mode of one release, that before its start.
     """
-    s = scenario()
-    chip = Chip(dut, s["parameters"])
-    host = Pins(dut, chip.clock_ps // 8)
+    s, chip, host = await start(dut, ratio=8, enable=False)
     rng = random.Random(s["seed"])
     words = range((chip.rows + 15) // 16)
     released: dict[int, tuple[Any, ...]] = {}  # number of the first frame that may have it -> settings
@@ -703,7 +685,6 @@ async def commits(dut: Any) -> None:
             if int(dut.row_select_o.value) and starts:
                 starts[-1].append(get_sim_time("ps") / chip.clock_ps)
 
-    await chip.reset(enable=False)
     control = CONTINUOUS
     await host.write(rm.CONTROL, control | rm.CONTROL_HOLD_MASK)
     for task in (watch_frames, watch_rows):
@@ -714,12 +695,7 @@ async def commits(dut: Any) -> None:
         mask = 0
         while bin(mask).count("1") < 2:
             mask = rng.getrandbits(chip.rows) & rng.getrandbits(chip.rows)
-        settle, gate, mode, dark = (
-            rng.randrange(3, 40),
-            rng.randrange(40, 90),
-            rng.randrange(3),
-            rng.randrange(2),
-        )
+        settle, gate, mode, dark = (rng.randrange(*ends) for ends in ((3, 40), (40, 90), (3,), (2,)))
         await host.write(rm.CONTROL, control | rm.CONTROL_HOLD_MASK)
         settings = [(rm.SETTLE, settle), (rm.GATE, gate)]
         settings += [(rm.ROW_MASK + n, mask >> 16 * n & 0xFFFF) for n in words]
@@ -737,12 +713,8 @@ async def commits(dut: Any) -> None:
             frame = await host.frame()
             settings_of = released[max(n for n in released if n <= frame.number)]
             rows_on = [row for row in frame.slots if row < spi.SLOT_INJECT]
-            on = starts[frame.number - 1]
-            got = (
-                sum(1 << row for row in rows_on),
-                frame.gate_clocks,
-                round(on[1] - on[0]) - frame.gate_clocks,
-            )
+            on, clocks = starts[frame.number - 1], frame.gate_clocks
+            got = (sum(1 << row for row in rows_on), clocks, round(on[1] - on[0]) - clocks)
             got += (frame.pedestal_mode, int(frame.dark))
             assert got == settings_of, f"frame {frame.number}: {got}, not {settings_of}"
             read += 1
