@@ -340,9 +340,6 @@ def _pwl(name: str, v_dd: float, edges: Sequence[float], slew: float) -> str:
     return f"v{name} {name} 0 pwl({' '.join(f'{t:.7g}n {level * v_dd:g}' for t, level in points)})"
 
 
-# ---- energy ----
-
-
 @cache
 def inside_fj(kind: str, pin: str, corner: Corner, directory: Path) -> float:
     """Return the energy that leaves the supply of a cell at a change of its clock or gate, data at rest, in fJ.
@@ -363,8 +360,6 @@ def inside_fj(kind: str, pin: str, corner: Corner, directory: Path) -> float:
     charge = _measured(name, corner, directory / f"energy_{name}.cir", body)["charge"]
     return -charge * corner.voltage_v * 1e15 / (2 * periods)
 
-
-# ---- metastability ----
 
 COPIES, ROUNDS, NARROWED = 8, 7, 5
 
@@ -429,9 +424,6 @@ def resolution(corner: Corner, directory: Path) -> Resolution:
     slope, start = np.polyfit(*np.array(near).T, 1)
     quiet = min(delay for _, delay in seen)
     return Resolution(-slope, math.exp((quiet - start) / slope), quiet)
-
-
-# ---- the command ----
 
 
 def file_name(corner: Corner) -> str:

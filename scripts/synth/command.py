@@ -184,9 +184,6 @@ def constraint_rows() -> list[Row]:
     return [verdict.judge("synth.clk_period_error_ns", error, note)]
 
 
-# ---- sizes ------------------------------------------------------------------------------------------------------
-
-
 def size_rows(technology: Technology, size: Size) -> list[Row]:
     """Map a size without its frame memory, then one bank; the highest clocks are those with memory.
 
@@ -228,18 +225,12 @@ def size_rows(technology: Technology, size: Size) -> list[Row]:
     return rows
 
 
-# ---- docs -------------------------------------------------------------------------------------------------------
-
-
 def write_docs(**tables: Sequence[Row]) -> None:
     """Write tables of rows between their marks in docs/synthesis.md."""
     for name, rows in tables.items():
         begin, end = MARKS[name]
         write_between(ROOT / DOCS, begin, end, markdown.rows_table(rows))
     click.echo(f"written: {DOCS}")
-
-
-# ---- commands ---------------------------------------------------------------------------------------------------
 
 
 def size_options(command: Callable[..., int]) -> Callable[..., int]:

@@ -22,9 +22,6 @@ TOP = ROOT / fpga.FPGA / "dermis_board.v"
 SMALL = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8, "GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
 
 
-# --- memory and board top, in Icarus --------------------------------------------------------------
-
-
 def frames(memory: Path) -> None:
     scenario = {"parameters": SMALL, "ratios": [0.1, 1.0, 10.0], "repeats": 1, "frames": 2}
     simulate("icarus", "bench_top", "dermis_top", "ratios", SMALL, scenario, trap=memory)
@@ -76,9 +73,6 @@ def test_lint_of_the_board_top_has_no_message(name: str) -> None:
     values = [f"-G{key}={value}" for key, value in fpga.BOARDS[name]["parameters"].items()]
     row = lint._verilator(name, ROOT, fpga.BOARD_TOP, *values, "-Irtl", lint.WAIVERS, *sources)
     assert row["status"] == "PASS", row
-
-
-# --- figures --------------------------------------------------------------------------------------
 
 
 def tell(monkeypatch: pytest.MonkeyPatch, report: dict[str, Any], bits: bytes = b"bits") -> list[Row]:
@@ -140,9 +134,6 @@ def test_a_missing_tool_is_named_at_once(monkeypatch: pytest.MonkeyPatch, tmp_pa
     ) as error:
         fpga.tool(fpga.BOARDS["upduino"]["place"])
     assert error.value.exit_code == 2
-
-
-# --- a whole build --------------------------------------------------------------------------------
 
 
 def lacking() -> str:

@@ -115,9 +115,6 @@ def test_the_driver_in_c_does_not_write_past_its_buffer(library: str) -> None:
     assert drive({"library": library}, room=FRAME_BYTES - 1)["error"] == "BAD_LENGTH"
 
 
-# --- Linux ----------------------------------------------------------------------------------------
-
-
 class Kernel:
     """ioctl of a spidev port: at most 4096 bytes a message, chip select high after one without cs_change."""
 

@@ -233,9 +233,6 @@ def test_seeded_fault_in_the_wrapper_fails(copy: Path, change: tuple[str, str], 
         assert {tool for tool in TOOLS if seen[f"lint.{tool}.{form}"] == "FAIL"} == tools
 
 
-# ---- crossings -----------------------------------------------------------------------------------------------
-
-
 def test_no_path_between_the_clocks_and_no_raw_reset_is_without_its_reason() -> None:
     found = {row["name"].split(".")[2]: (row["status"], row["note"]) for row in crossings.rows()}
     assert found == dict.fromkeys(("sync_ff", "sync_latch", "seeded_missed"), ("PASS", ""))

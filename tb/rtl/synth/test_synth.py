@@ -148,9 +148,6 @@ def test_the_memory_can_stay_a_black_box_and_the_hierarchy_be_kept(tmp_path: Pat
     assert top["area_um2"] == split.area_um2 > memory["area_um2"]
 
 
-# ---- equivalence ------------------------------------------------------------------------------------------------
-
-
 @needs_osu035
 @pytest.mark.parametrize(
     ("module", "faults"),
@@ -184,8 +181,6 @@ def test_an_undecided_proof_is_an_error_row(tmp_path: Path, monkeypatch: pytest.
     netlist = Netlist(OSU035, tmp_path, tmp_path / "n.v", tmp_path / "n.json")
     assert [row["status"] for row in synth.equivalence_rows(netlist, SIZE, "x")] == ["ERROR"]
 
-
-# ---- timing -----------------------------------------------------------------------------------------------------
 
 PATH_TEXT = """\
 Startpoint: a_reg (rising edge-triggered flip-flop clocked by clk)
@@ -289,9 +284,6 @@ def test_a_netlist_is_mapped_again_if_its_inputs_or_its_files_change(
     assert [mapped(), mapped()] == [True, False]
     (tmp_path / "netlist.v").write_text("{ }")
     assert mapped()
-
-
-# ---- libraries --------------------------------------------------------------------------------------------------
 
 
 @needs_osu035
