@@ -40,9 +40,11 @@ async def fall(dut: Any) -> None:
 
 async def reset(dut: Any, inputs: Iterable[str]) -> None:
     """Hold reset with the clock and these inputs low for 10 ns, then let half a clock pass."""
-    for name in ("clk_i", "rst_ni", *inputs):
+    for name in ("clk_i", *inputs):
         getattr(dut, name).value = 0
-    await Timer(10, "ns")
+    for level in (1, 0):  # Verilator resets a flop at an edge alone
+        dut.rst_ni.value = level
+        await Timer(10, "ns")
     dut.rst_ni.value = 1
     await fall(dut)
 
