@@ -14,8 +14,7 @@ from dermis.engines import batch
 from dermis.files import write_atomic
 from scripts import workers
 
-# Seconds of work that a kill may lose: many pieces end in a second, and writing all of them takes
-# milliseconds.
+# Work that a kill may lose, in s: many pieces end in a second, and writing them takes milliseconds.
 _SAVE_S = 5.0
 
 

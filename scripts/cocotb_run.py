@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run one cocotb test with a time limit, and hand back what it reports."""
+"""Build the Verilog, run one cocotb test with a time limit, and hand back what it reports."""
 
 from __future__ import annotations
 
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,23 +20,28 @@ LIMIT_S = 600.0
 
 def run_bench(
     simulator: str,
-    build: Path,
     toplevel: str,
     bench: str,
     testcase: str,
     scenario: Mapping[str, Any],
-    place: Path,
+    *,
+    parameters: Mapping[str, int],
+    sources: Sequence[Path] | None,
+    where: str,
     limit_s: float = LIMIT_S,
     run: Callable[..., object] | None = None,
 ) -> Any:
-    """Run one cocotb test on a build in a new directory below `place`; return what it reported.
+    """Run one cocotb test in a new directory below build/`where`; return what it reported.
 
-    SimulatorError, and the directory stays, if the test failed, did not run, or timed out. `run` as in
-    hdl.run_cocotb.
+    `parameters`, `sources` and `run` are those of hdl.build and hdl.run_cocotb. SimulatorError, and the
+    directory stays, if the build or the test failed, or the test did not run or timed out.
     """
-    (place / "runs").mkdir(parents=True, exist_ok=True)
+    # No optimisation of the C++: the compiler, not the simulation, takes the time here.
+    build = hdl.build(simulator, toplevel, parameters, sources=sources, optimise=False, where=where)
+    place = hdl.BUILD / where / "runs"
+    place.mkdir(parents=True, exist_ok=True)
     # A directory of its own: the same test may run twice at a time in one tree.
-    work = Path(tempfile.mkdtemp(prefix=f"{simulator}-{bench}-{testcase}-", dir=place / "runs"))
+    work = Path(tempfile.mkdtemp(prefix=f"{simulator}-{bench}-{testcase}-", dir=place))
     result, log, name = work / "result.json", work / "hdl.log", f"{bench}.{testcase} on {simulator}"
     # A file: a variable holds 128 kB at most.
     (work / "scenario.json").write_text(json.dumps(scenario))

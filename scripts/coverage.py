@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
-from pydantic import BaseModel, ConfigDict
 
 from dermis.chip import hdl
 from dermis.chip.sources import TOP, rtl_sources
@@ -50,10 +49,9 @@ class Point(NamedTuple):
     what: str
 
 
-class Exclusion(BaseModel):
+@dataclass(frozen=True)
+class Exclusion:
     """One exclusion: points of a kind in a module whose text matches, and the reason."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     rule: str
     module: str
@@ -91,15 +89,12 @@ def _record(place: Path) -> None:
     """Build below build/coverage; write the counts of each run, and its parameters, to `place`."""
     from cocotb_tools import runner
 
-    build, simulator_build, test = hdl.build, runner.Verilator.build, runner.Verilator.test
-
-    def build_elsewhere(*arguments: Any, **options: Any) -> Path:
-        return build(*arguments, **{**options, "where": "coverage"})
+    build, test = runner.Verilator.build, runner.Verilator.test
 
     def build_with_counters(self: Any, *arguments: Any, **options: Any) -> Any:
         counters = ["--coverage-line", "--coverage-toggle"]
         options["build_args"] = [*options.get("build_args", []), *counters]
-        done = simulator_build(self, *arguments, **options)
+        done = build(self, *arguments, **options)
         about = {"top": options["hdl_toplevel"], "parameters": dict(options.get("parameters") or {})}
         (Path(options["build_dir"]) / "coverage.json").write_text(json.dumps(about))
         return done
@@ -113,7 +108,7 @@ def _record(place: Path) -> None:
         shutil.copyfile(about, Path(counts).with_suffix(".json"))
         return done
 
-    hdl.build = build_elsewhere
+    hdl.BUILD /= "coverage"
     runner.Verilator.build = build_with_counters
     runner.Verilator.test = test_and_keep
 
@@ -141,23 +136,18 @@ def read(path: Path, modules: Iterable[str]) -> Counter[Point]:
 
 def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> Result:
     """Sum the counts in `place`: points of the top up to `SIZES`, reached by any run."""
-    modules = [path.stem for path in rtl_sources(root)]
     text = {path.stem: path.read_text().splitlines() for path in rtl_sources(root)}
     reached: Counter[Point] = Counter()
     asked: set[Point] = set()
     for run in sorted(place.glob("run_*.json")):
         about = json.loads(run.read_text())
-        data = run.with_suffix(".dat")
-        counts = read(data, modules)
-        sizes = about["parameters"]
+        counts, sizes = read(run.with_suffix(".dat"), text), about["parameters"]
         if about["top"] == TOP and all(sizes.get(key, most + 1) <= most for key, most in SIZES.items()):
             asked |= counts.keys()
-        reached.update({point: count for point, count in counts.items() if count})
+        reached.update(counts)
     listed = list(exclusions)
     excluded: dict[Point, Exclusion] = {}
-    for point in asked:
-        if reached[point]:
-            continue
+    for point in (point for point in asked if not reached[point]):
         subject = point.what if point.kind == "toggle" else text[point.module][point.line - 1].strip()
         for entry in listed:
             same = (entry.rule, entry.module) == (point.kind, point.module)
@@ -172,7 +162,7 @@ def exclusions(root: Path = ROOT) -> list[Exclusion]:
     """Return the entries of rtl/lint/coverage_exclusions.toml; other keys are refused."""
     path = root / EXCLUSIONS
     data = tomllib.loads(path.read_text()) if path.is_file() else {}
-    return [Exclusion.model_validate(entry) for entry in data.get("exclusion", [])]
+    return [Exclusion(**entry) for entry in data.get("exclusion", [])]
 
 
 def rows(result: Result, modules: Iterable[str]) -> list[dict[str, Any]]:
@@ -223,9 +213,7 @@ def benches(root: Path = ROOT) -> list[Path]:
 
 
 def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
-    """Run the Verilator tests with counters, which write their counts to `place`; SimulatorError if
-    a test failed, so that its counts prove nothing.
-    """
+    """Run the Verilator tests with counters, which write them to `place`; SimulatorError if one failed."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "scripts.coverage", "-m", "", "-k", "verilator"]
     command += ["-n", "2", *map(str, tests)]
     log.unlink(missing_ok=True)

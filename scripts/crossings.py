@@ -20,22 +20,21 @@ from typing import Any
 from dermis.chip.sources import TOP, read_verilog
 from dermis.errors import SimulatorError
 from dermis.processes.children import output_of
-from dermis.report import verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
-from scripts.judged import tool
+from scripts.judged import none, tool
 
 SYNC, RESET = "dermis_tech_sync", "dermis_reset_sync"
 FLOPS = ("$_DFF", "$_DLATCH", "$_SDFF", "$_ALDFF", "$_SR")
 RESETS = ("R", "S", "L")
 CLOCKS = ("C", "E", "CLK", "clk_i")
 """Pins of cells that clock them."""
-SIZE = {"ROWS": 3, "COLS": 2}
-"""Small, and no row is a column."""
 TIME_LIMIT_S = 60.0
 
 Place = tuple[str, str]
 """Name of a net and the clock that moves it; empty for a pin that moves at any time."""
+Source = tuple[str, Any, Mapping[str, Any] | None]
+"""Kind, which is pin, flop, sync or memory, net, and cell."""
 
 
 def _rules(root: Path) -> dict[str, Any]:
@@ -47,48 +46,38 @@ class Netlist:
 
     def __init__(self, root: Path, latch: bool) -> None:
         self.rules = _rules(root)
-        size = " ".join(
-            f"-chparam {key} {value}" for key, value in {**SIZE, "SYNC_LATCH": int(latch)}.items()
-        )
+        size = f"-chparam ROWS 3 -chparam COLS 2 -chparam SYNC_LATCH {int(latch)}"  # no row is a column
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "top.json"
             script = f"{read_verilog(root)}; hierarchy -check -top {TOP} {size}; proc; "
             script += f"setattr -mod -set keep_hierarchy 1 {SYNC} {RESET}; flatten; opt_clean; simplemap; "
-            said = output_of(
-                [tool("yosys"), "-Q", "-T", "-p", f"{script}write_json {out}"], TIME_LIMIT_S, root
-            )[1]
+            command = [tool("yosys"), "-Q", "-T", "-p", f"{script}write_json {out}"]
+            said = output_of(command, TIME_LIMIT_S, root)[1]
             if not out.is_file():
                 raise SimulatorError(f"yosys: no netlist: {(said.strip().splitlines() or ['no output'])[-1]}")
             self.modules = json.loads(out.read_text(encoding="utf-8"))["modules"]
         self.top = self.modules[TOP]
         # A register is called what its module calls it, a word without the number of its bit.
-        nets = sorted(
-            self.top["netnames"].items(), key=lambda item: (not item[0].endswith("_q"), item[0].count("."))
-        )
+        nets = self.top["netnames"]
         self.names: dict[int, str] = {}
-        for name, net in nets:
+        for name in sorted(nets, key=lambda name: (not name.endswith("_q"), name.count("."))):
+            net = nets[name]
             for bit in () if net["hide_name"] else net["bits"]:
                 self.names.setdefault(bit, re.sub(r"\[\d+\]", "", name))
+        cells = self.top["cells"].values()
         self.drivers = {
-            bit: (name, cell)
-            for name, cell in self.top["cells"].items()
+            bit: cell
+            for cell in cells
             for pin, bits in cell["connections"].items()
             if cell["port_directions"].get(pin) == "output"
             for bit in bits
         }
-        cells = self.top["cells"].values()
         self.writers = {c["parameters"]["MEMID"]: c for c in cells if c["type"].startswith("$memwr")}
-        self.pins = {
-            bit: name
-            for name, p in self.top["ports"].items()
-            if p["direction"] == "input"
-            for bit in p["bits"]
-        }
+        inputs = {name: p["bits"] for name, p in self.top["ports"].items() if p["direction"] == "input"}
+        self.pins = {bit: name for name, bits in inputs.items() for bit in bits}
 
-    def sources(
-        self, bit: Any, seen: set[Any] | None = None
-    ) -> Iterator[tuple[str, Any, Mapping[str, Any] | None]]:
-        """Yield what a net comes from through gates: kind, net, and the cell; a kind is pin, flop, sync or memory."""
+    def sources(self, bit: Any, seen: set[Any] | None = None) -> Iterator[Source]:
+        """Yield what a net comes from through gates."""
         seen = set() if seen is None else seen
         if bit in seen or not isinstance(bit, int):
             return
@@ -96,7 +85,7 @@ class Netlist:
         if bit in self.pins:
             yield "pin", bit, None
             return
-        _, cell = self.drivers[bit]
+        cell = self.drivers[bit]
         kind = cell["type"]
         if kind.startswith(FLOPS):
             yield "flop", bit, cell
@@ -111,19 +100,15 @@ class Netlist:
 
     def clock(self, bit: int) -> str:
         """Return what a clock comes from: one pin, unless something gates it."""
-        return " ".join(
-            sorted(
-                {self.pins.get(at) or self.names[at] for kind, at, _ in self.sources(bit) if kind != "sync"}
-            )
-        )
+        found = {self.pins.get(at) or self.names[at] for kind, at, _ in self.sources(bit) if kind != "sync"}
+        return " ".join(sorted(found))
 
     def place(self, kind: str, bit: int, cell: Mapping[str, Any] | None) -> Place:
         """Return the name of a source and its clock."""
         if kind == "pin":
             return self.pins[bit], self.rules["pins"].get(self.pins[bit], "")
-        return "memory" if kind == "memory" else self.names[bit], self.clock(
-            next(cell["connections"][pin][0] for pin in CLOCKS if pin in cell["connections"])
-        )
+        clock = next(cell["connections"][pin][0] for pin in CLOCKS if pin in cell["connections"])
+        return "memory" if kind == "memory" else self.names[bit], self.clock(clock)
 
     def resets(self, cell: Mapping[str, Any] | None) -> set[str]:
         """Return the pins that reset a flop at any time; but for that of the whole chip."""
@@ -147,10 +132,9 @@ class Netlist:
                 target = self.place("sync", pins["q_o"][0], cell)
                 data, resets = [], [pins["rst_ni"][0]]
                 # It takes a flop or a pin, for what a gate makes of two edges is a third one.
-                if pins["d_i"][0] not in self.pins and not self.drivers[pins["d_i"][0]][1]["type"].startswith(
-                    FLOPS
-                ):
-                    found.append(("gates before", (self.names[pins["d_i"][0]], ""), target))
+                taken = pins["d_i"][0]
+                if taken not in self.pins and not self.drivers[taken]["type"].startswith(FLOPS):
+                    found.append(("gates before", (self.names[taken], ""), target))
             elif kind == RESET:
                 target = self.place("sync", pins["rst_no"][0], cell)
                 data, resets = [], [pins["rst_ni"][0]]
@@ -200,13 +184,7 @@ WIRE = "module dermis_wire (input wire clk_i, rst_ni, d_i, output wire q_o); ass
 
 
 def seeded(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
-    """Yield the name of each fault of rtl/lint/crossings.toml and a copy of the Verilog that has it.
-
-    Raises
-    ------
-    ValueError
-        The Verilog has no place for a fault.
-    """
+    """Yield each fault's name and a copy of the Verilog with it; ValueError if the Verilog has no place for it."""
     for name, fault in _rules(root)["seeded"].items():
         copy = folder / name
         shutil.copytree(root / "rtl", copy / "rtl")
@@ -222,17 +200,11 @@ def seeded(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
 
 def rows(root: Path = ROOT) -> list[Row]:
     """Judge the crossings of both forms of the comparators' synchronizer, and the share of seeded faults found."""
-    judged = []
-    for form, latch in (("sync_ff", False), ("sync_latch", True)):
-        found = Netlist(root, latch).findings()
-        judged.append(
-            verdict.within(f"lint.crossings.{form}", len(found), "findings", None, 0, "; ".join(found[:4]))
-        )
-    with tempfile.TemporaryDirectory() as folder:
-        missed = [
-            name for name, copy in seeded(root, Path(folder)) if not Netlist(copy, latch=False).findings()
-        ]
-    return [
-        *judged,
-        verdict.within("lint.crossings.seeded_missed", len(missed), "faults", None, 0, "; ".join(missed)),
+    judged = [
+        none(f"lint.crossings.{form}", Netlist(root, latch).findings(), "findings")
+        for form, latch in (("sync_ff", False), ("sync_latch", True))
     ]
+    with tempfile.TemporaryDirectory() as folder:
+        copies = seeded(root, Path(folder))
+        missed = [name for name, copy in copies if not Netlist(copy, latch=False).findings()]
+    return [*judged, none("lint.crossings.seeded_missed", missed, "faults")]

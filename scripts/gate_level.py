@@ -15,8 +15,8 @@ import click
 import numpy as np
 
 import dermis
-from dermis.chip import hdl
 from dermis.errors import InputError, SimulatorError, one_line
+from dermis.files import text_of
 from dermis.processes import children
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
@@ -41,6 +41,16 @@ WHOLE_LIMIT_S = 1800.0
 SCENARIO = {"seed": 1, "settle": 6, "gate": 16, "frames": 4, "limit": 4000}
 
 
+def included(path: Path, seen: set[Path]) -> str:
+    """Return a Verilog file with the files that it includes in place, each once."""
+    if path in seen:
+        return ""
+    seen.add(path)
+    text = text_of(path, "a model of a cell")
+    include = re.compile(r'^\s*`include "([^"]+)"', re.MULTILINE)
+    return include.sub(lambda found: included((path.parent / found[1]).resolve(), seen), text)
+
+
 def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> Path:
     """Write one Verilog file with the functional models of some cells; InputError if one is missing.
 
@@ -51,27 +61,14 @@ def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> P
         text = osu035("osu035_stdcells.v").read_text()
         text, flops = re.subn(r"(\budp_dff \(\w+, D.*?\bbuf) \(Q,", r"\1 #0.52 (Q,", text, flags=re.DOTALL)
         if not flops:
-            raise InputError(
-                osu035("osu035_stdcells.v"), "udp_dff", "not there", "flops with a buf behind them"
-            )
+            allowed = "flops with a buf behind them"
+            raise InputError(osu035("osu035_stdcells.v"), "udp_dff", "not there", allowed)
         # Its resolution of 10 ps is too coarse for some tests.
         target.write_text(re.sub(r"`timescale\s+1ns\s*/\s*\w+", "`timescale 1ns/1ps", text))
         return target
-    text = ["`define UNIT_DELAY #1"]
-    included: set[Path] = set()
-    for kind in sorted(kinds):
-        path = view(kind.removeprefix(PREFIX), "functional.v")
-        if not path.is_file():
-            raise InputError(path, "cell", kind, "a cell with a functional model")
-        for line in path.read_text().splitlines():
-            include = re.match(r'\s*`include "([^"]+)"', line)
-            primitive = (path.parent / include[1]).resolve() if include else None
-            if primitive is None:
-                text.append(line)
-            elif primitive not in included:
-                included.add(primitive)
-                text.append(primitive.read_text())
-    target.write_text("\n".join(text) + "\n")
+    seen: set[Path] = set()
+    views = (view(kind.removeprefix(PREFIX), "functional.v") for kind in sorted(kinds))
+    target.write_text("\n".join(["`define UNIT_DELAY #1", *(included(path, seen) for path in views)]))
     return target
 
 
@@ -102,11 +99,9 @@ def run(
     # The simulator gets the path of this process.
     folders = (str(d) for d in (BENCHES, *sorted(BENCHES.iterdir())) if d.is_dir())
     sys.path += [folder for folder in folders if folder not in sys.path]
-    build = hdl.build("icarus", TOP, design.parameters, sources=design.sources, optimise=False, where="gl")
+    given = {"parameters": design.parameters, "sources": design.sources, "limit_s": limit_s, "run": start}
     try:
-        return run_bench(
-            "icarus", build, TOP, module, testcase, scenario, ROOT / "build" / "gl", limit_s, start
-        )
+        return run_bench("icarus", TOP, module, testcase, scenario, where="gl", **given)
     except SimulatorError as error:
         raise SimulatorError(f"{error.what}, {design.name}", error.log) from None
 
@@ -155,29 +150,30 @@ SMALL = Size(4, 5)
 SMALL_SLOTS = {"GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
 
 
-def charge_balance(size: Size, gate: int, sck_hz: float) -> TopTest:
+def charge_balance(size: Size) -> TopTest:
     """Return the test with duties c/510: each must read c with a gate of 510 clocks."""
     last = 2**size.code_bits - 1
     x = [[((37 * (r * size.cols + c)) % (last + 1), 510) for c in range(size.cols)] for r in range(size.rows)]
-    return TopTest("client", {"x": x, "gate": gate, "sck_hz": sck_hz, "frames": 1})
+    return TopTest("client", {"x": x, "gate": 510, "sck_hz": 2.5e6, "frames": 1})
 
 
+EACH_LINE = [
+    {},
+    *({"rows_low": [row]} for row in range(SMALL.rows)),
+    *({fault: [n]} for n in range(SMALL.cols) for fault in ("comparators_high", "comparators_low")),
+]
+RATIOS = [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0]
+WEIGHTS = [5, 2, 4, 2, 2, 5, 2, 1, 2]
 PRESSED = [[(code, 510) for code in (200, 100, 255, 0, 30)]] * SMALL.rows
 # The tests of the top, as in tb/rtl/top/test_top.py.
 SMALL_TESTS = (
-    charge_balance(SMALL, 510, 2.5e6),
+    charge_balance(SMALL),
     TopTest("configuration", {}),
-    TopTest("self_test", {}),
+    TopTest("self_test", {"x": PRESSED, "faults": EACH_LINE, "rates": [0x2AAB]}),
     TopTest("off", {"x": PRESSED}, False),
     TopTest("cuts", {"x": PRESSED, "seed": 5, "cuts": 24}),
-    TopTest(
-        "ratios",
-        {"ratios": [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0], "repeats": 3, "frames": 2},
-        False,
-    ),
-    TopTest(
-        "traffic", {"seed": 1, "transactions": 200, "slowest": 0.7, "weights": [5, 2, 4, 2, 2, 5, 2, 1, 2]}
-    ),
+    TopTest("ratios", {"ratios": RATIOS, "repeats": 3, "frames": 2}, False),
+    TopTest("traffic", {"seed": 1, "transactions": 200, "slowest": 0.7, "weights": WEIGHTS}),
 )
 
 
@@ -209,7 +205,7 @@ def top_rows(
 ) -> list[Row]:
     """Judge the tests of the top on the netlist: failures, and reports unlike the Verilog's."""
     failed, unlike = compare(netlist_design(netlist), parameters, tests, limit_s)
-    note = failed[0] if failed else f"{', '.join(test.testcase for test in tests)}"
+    note = failed[0] if failed else ", ".join(test.testcase for test in tests)
     return [
         verdict.judge(f"gl.failed_tests.{suffix}", len(failed), one_line(note, 300)),
         verdict.judge(f"gl.unlike_results.{suffix}", len(unlike), one_line("; ".join(unlike), 300)),
@@ -264,7 +260,7 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
         header = header_values()
         slots = {name: header[f"DERMIS_{name}"] for name in SMALL_SLOTS}
         # All registers would take Icarus some 100 000 clocks: codes only.
-        tests = [charge_balance(size, 510, 2.5e6)]
+        tests = [charge_balance(size)]
         made += top_rows(netlist, size.parameters | slots, suffix, tests, WHOLE_LIMIT_S)
         return made + (power_rows(netlist, size, slots, suffix) if technology.name == "sky130" else [])
 

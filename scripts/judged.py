@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from dermis.errors import InputError
 from dermis.report import verdict
@@ -13,13 +15,18 @@ SHOW = {"show_default": True}
 """Settings of the commands."""
 
 
-def tool(name: str, package: str | None = None) -> str:
-    """Return the path of a program; InputError if it is not installed."""
-    found = shutil.which(name)
+def tool(name: str, package: str | None = None, remedy: str | None = None) -> str:
+    """Return the path of a program, next to this Python or on PATH; InputError if it is not installed."""
+    found = shutil.which(Path(sys.executable).with_name(name)) or shutil.which(name)
     if found is None:
-        allowed = f"Debian package {package or name} (make setup installs it)"
-        raise InputError("environment", name, "not found", allowed)
+        remedy = remedy or f"Debian package {package or name} (make setup installs it)"
+        raise InputError("environment", name, "not found", remedy)
     return found
+
+
+def none(name: str, found: Sequence[str], unit: str) -> verdict.Row:
+    """Judge that there are no findings; the first ones are in the note."""
+    return verdict.within(name, len(found), unit, None, 0, "; ".join(found[:5]))
 
 
 def finish(name: str, rows: Sequence[verdict.Row], title: str) -> int:

@@ -45,9 +45,7 @@ SHARED_DIFFUSION_UM, END_DIFFUSION_UM = 0.14, 0.265
 """Length of a source or drain along the channel: half of one between two gates, and one at the end
 of a row; they are the sd / 2 and the sa of the cells' CDL."""
 LONGEST_ROW = 5
-"""Largest number of gates on one strip of diffusion: the distance to its ends sets stress and
-current.
-"""
+"""Gates on one strip of diffusion, at most: the distance to its ends sets stress and current."""
 WIRE_GATE_FF, WIRE_END_FF, WIRE_WIDTH_FF = 0.08, 0.085, 0.086
 """Capacitance of a net inside a cell: for each gate on it, for each source or drain, and, if it has
 gates, for each um of the cell's width. Fitted to the extracted netlists of these cells in the
@@ -108,9 +106,7 @@ def render(library: Group) -> str:
 
 
 def read(path: Path) -> Group:
-    """Read a Liberty file; InputError if it is missing, is not Liberty, or ends before its last
-    bracket.
-    """
+    """Read a Liberty file; InputError if it is missing, not Liberty, or ends too early."""
     return parse(text_of(path, "a Liberty file"), str(path))
 
 
@@ -227,9 +223,8 @@ def subcircuit(name: str) -> tuple[list[str], list[str]]:
     """Return the ports of a cell and its lines, with areas of sources and drains and capacitances
     of wires added, which the wheel's netlists lack.
 
-    Two terminals of one transistor type on a net are assumed to share their diffusion, as in a
-    layout with few gaps; an odd one ends a row. A net that only joins sources and drains of one type
-    is diffusion without a wire.
+    Two terminals of one transistor type on a net share their diffusion, as in a layout with few gaps;
+    an odd one ends a row. A net of sources and drains of one type only is diffusion without a wire.
     """
     path = view(name, "spice")
     text = re.search(r"^\.subckt \S+ (.*?)\n(.*?)^\.ends", text_of(path, WANTED), re.MULTILINE | re.DOTALL)
@@ -265,8 +260,7 @@ def subcircuit(name: str) -> tuple[list[str], list[str]]:
 
 
 def _distance(gates: int, channel_um: float) -> float:
-    # The order in a row is unknown: the mean of 1 / (distance + half a channel), to which stress is
-    # proportional.
+    # The order in a row is unknown: the mean of 1 / (distance + half a channel), as for stress.
     pitch = channel_um + 2 * SHARED_DIFFUSION_UM
     inverse = [1 / (END_DIFFUSION_UM + k * pitch + channel_um / 2) for k in range(gates)]
     return gates / sum(inverse) - channel_um / 2
@@ -280,8 +274,7 @@ def _measured(
     SimulatorError if ngspice or a measurement failed.
     """
     ports, inside = subcircuit(name)
-    # The default charge tolerance, 10 fC, is all the charge that a cell moves. With these, delays
-    # are within 0.2 % of those at a step of 1 ps.
+    # The default charge tolerance, 10 fC, is all a cell's charge. Error of the delays: 0.2 % of those at 1 ps steps.
     deck = [
         f"{PREFIX}{name} {corner.name}",
         ".include models.spice",
@@ -298,9 +291,7 @@ def _measured(
 
 
 def measure(name: str, corner: Corner, directory: Path) -> dict[str, Table]:
-    """Return the tables cell_rise, cell_fall, rise_transition and fall_transition of a sample, in
-    ns; SimulatorError if ngspice or a measurement failed.
-    """
+    """Return the tables of rise, fall and transitions of a sample, in ns, by name; SimulatorError if ngspice failed."""
     sample, v_dd = SAMPLES[name], corner.voltage_v
     window = corner.window_ns * (1.25 if sample.clocked else 1)
     first = max(sample.slews) * RAMP / 2 + (1.0 if sample.clocked else 0.2)
@@ -329,16 +320,16 @@ def measure(name: str, corner: Corner, directory: Path) -> dict[str, Table]:
     body.append(f".tran {window / 2000:.6g}n {max(shown.values()) + window:.6g}n 0 {window / 200:.6g}n")
     values = _measured(name, corner, directory / f"{name}.cir", body)
 
-    def table(word: str, kind: str) -> Table:
+    def table(name: str) -> Table:
+        word = "rise" if "rise" in name else "fall"
+
         def entry(i: int, j: int) -> float:
             middle, a, b = (values[f"{letter}{word}{i}{j}"] * 1e9 for letter in "mab")
-            return middle - shown[word] if kind == "delay" else b - a
+            return middle - shown[word] if name.startswith("cell") else b - a
 
         return [[entry(i, j) for j in range(len(sample.loads))] for i in range(len(sample.slews))]
 
-    kinds = {"cell_rise": "delay", "rise_transition": "transition"}
-    kinds |= {"cell_fall": "delay", "fall_transition": "transition"}
-    return {name: table("rise" if "rise" in name else "fall", kind) for name, kind in kinds.items()}
+    return {name: table(name) for name in ("cell_rise", "cell_fall", "rise_transition", "fall_transition")}
 
 
 def _pwl(name: str, v_dd: float, edges: Sequence[float], slew: float) -> str:
@@ -347,9 +338,6 @@ def _pwl(name: str, v_dd: float, edges: Sequence[float], slew: float) -> str:
     for k, time in enumerate(edges):
         points += [(time - slew * RAMP / 2, k % 2), (time + slew * RAMP / 2, 1 - k % 2)]
     return f"v{name} {name} 0 pwl({' '.join(f'{t:.7g}n {level * v_dd:g}' for t, level in points)})"
-
-
-# ---- energy ----
 
 
 @cache
@@ -372,8 +360,6 @@ def inside_fj(kind: str, pin: str, corner: Corner, directory: Path) -> float:
     charge = _measured(name, corner, directory / f"energy_{name}.cir", body)["charge"]
     return -charge * corner.voltage_v * 1e15 / (2 * periods)
 
-
-# ---- metastability ----
 
 COPIES, ROUNDS, NARROWED = 8, 7, 5
 
@@ -440,20 +426,13 @@ def resolution(corner: Corner, directory: Path) -> Resolution:
     return Resolution(-slope, math.exp((quiet - start) / slope), quiet)
 
 
-# ---- the command ----
-
-
 def file_name(corner: Corner) -> str:
     """Return the file name of a corner, the same as in a PDK."""
     return f"{PREFIX}{corner.name}.lib"
 
 
 def liberty_file(corner: str) -> Path:
-    """Return the Liberty file of corner "ss", "tt" or "ff": the one in PDK_ROOT if that is set,
-    else ours; InputError if there is no such corner or file.
-    """
-    if corner not in CORNERS:
-        raise InputError("corner", "name", corner, f"one of {', '.join(CORNERS)}")
+    """Return the Liberty file of corner "ss", "tt" or "ff", of PDK_ROOT if that is set; InputError if it is missing."""
     name = file_name(CORNERS[corner])
     if root := os.environ.get("PDK_ROOT"):
         path = Path(root) / _PDK_PLACE / name
@@ -481,11 +460,7 @@ def sample_error(library: Group, corner: Corner, name: str, directory: Path) -> 
 
 @click.command(context_settings=SHOW)
 @click.option(
-    "--corner",
-    "corners",
-    multiple=True,
-    type=click.Choice(list(CORNERS)),
-    help="Only this corner (repeatable).",
+    "--corner", "corners", multiple=True, type=click.Choice([*CORNERS]), help="Only this corner (repeatable)."
 )
 def liberty_command(corners: tuple[str, ...]) -> int:
     """Measure entries of the Liberty files again in ngspice; write build/liberty.json."""

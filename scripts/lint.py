@@ -13,13 +13,13 @@ from pathlib import Path
 import click
 
 from dermis.chip.sources import FILE_LIST, TOP, read_verilog, rtl_sources, verilator_root
-from dermis.chip.spi_protocol import SPECIAL_SLOTS, frame_bytes
 from dermis.processes.children import output_of
 from dermis.report import verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from scripts import crossings
-from scripts.judged import finish, tool
+from scripts.judged import finish, none, tool
+from scripts.synth.map import Size
 
 WAIVERS = "rtl/lint/verilator_waiver.vlt"
 # The slowest run, Yosys at 128 x 128, takes 10 s.
@@ -74,8 +74,7 @@ def _yosys(
     with tempfile.TemporaryDirectory() as scratch:
         cells, memories = Path(scratch) / "cells.json", Path(scratch) / "memories.json"
         script = [read_verilog(root, read), f"hierarchy -check -top {top}", "proc"]
-        # Before `memory`, whose write ports would count as flops; after it the words stay together
-        # as $mem.
+        # Before `memory`, whose write ports would count as flops; then the words stay together as $mem.
         flat = ["flatten", "check -assert", f"tee -q -o {memories} stat -json", "memory -nomap", "opt_clean"]
         script += ["check -assert", *([] if latches is None else flat), f"tee -q -o {cells} stat -json"]
         if latches is not None:
@@ -95,12 +94,9 @@ def _lint_yosys(root: Path, name: str, parameters: Mapping[str, int]) -> list[Ro
     """Return the row of Yosys, and rows that count latches, flops without reset, bits of memory."""
     header = header_values(root)
     rows, columns, bits = (parameters.get(k, header[f"DERMIS_{k}"]) for k in ("ROWS", "COLS", "CODE_BITS"))
-    # One deliberate latch per column in the flip-flop + latch form; two banks of the longest frame
-    # (docs/spi.md).
-    latches = columns if parameters.get("SYNC_LATCH", 0) else 0
-    words = 2 * frame_bytes(rows + len(SPECIAL_SLOTS), columns, bits)
+    size = Size(rows, columns, bits, bool(parameters.get("SYNC_LATCH")))
     values = " ".join(f"-chparam {key} {value}" for key, value in parameters.items())
-    first, memory, cells = _yosys(name, root, "", f"{TOP} {values}", latches)
+    first, memory, cells = _yosys(name, root, "", f"{TOP} {values}", size.latches)
 
     def count(what: str, unit: str, wanted: int, rule: str, *kinds: str) -> Row:
         found = memory if not kinds or cells is None else sum(cells.get(kind, 0) for kind in kinds)
@@ -111,9 +107,9 @@ def _lint_yosys(root: Path, name: str, parameters: Mapping[str, int]) -> list[Ro
     kinds = ("$dlatch", "$adlatch", "$dlatchsr")
     return [
         first,
-        count("latches", "latches", latches, "only dermis_tech_latch may hold a latch", *kinds),
+        count("latches", "latches", size.latches, "only dermis_tech_latch may hold a latch", *kinds),
         count("flops_without_reset", "flops", 0, "every flop resets asynchronously", *flops),
-        count("memory_bits", "bits", 8 * words, "only the two banks of the frame buffer are memory"),
+        count("memory_bits", "bits", size.memory_bits, "only the two banks of the frame buffer are memory"),
     ]
 
 
@@ -138,7 +134,7 @@ def _lint_file_list(root: Path) -> Row:
         used = (re.search(rf"^\s*{name}\b", other, re.MULTILINE) for n, other in text.items() if n != name)
         if name != TOP and not any(used):
             wrong.append(f"nothing instantiates {name}")
-    return verdict.within("lint.file_list", len(wrong), "files", None, 0, "; ".join(wrong))
+    return none("lint.file_list", wrong, "files")
 
 
 def run_lint(root: Path = ROOT, configurations: Iterable[str] | None = None) -> list[Row]:

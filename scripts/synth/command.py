@@ -11,6 +11,7 @@ import re
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -33,10 +34,8 @@ MARKS = {
     name: (f"<!-- begin: {name} (written by dermis {command} --docs) -->", f"<!-- end: {name} -->")
     for name, command in (("synth", "synth"), ("blocks", "synth"), ("sizes", "synth --sizes"), ("gl", "gl"))
 }
-# Small, the paper's, large, and one column.
-SIZES = ((8, 8), (16, 16), (64, 64), (16, 1))
-# Above this number of bits, frame memory in flip-flops takes Yosys minutes; it is left out, with a
-# note.
+SIZES = ((8, 8), (16, 16), (64, 64), (16, 1))  # small, the paper's, large, and one column
+# Above this number of bits, Yosys takes minutes for a frame memory of latches; it is left out, with a note.
 MEMORY_LIMIT_BITS = 20_000
 
 
@@ -59,10 +58,10 @@ def sdc_periods(sdc: Path = SDC) -> dict[str, float]:
     return {clock: float(found[clock]) for clock in CLOCKS}
 
 
-def attempt(rows: list[Row], name: str, work: Callable[[], list[Row]]) -> None:
-    """Add the rows of `work`, or an ERROR row with its failure."""
+def attempt(rows: list[Row], name: str, work: Callable[..., list[Row]], *arguments: Any) -> None:
+    """Add the rows of a call, or an ERROR row with its failure."""
     try:
-        rows += work()
+        rows += work(*arguments)
     except SimulatorError as error:
         rows.append(verdict.error(name, one_line(str(error), 300)))
 
@@ -77,7 +76,7 @@ def netlist_rows(netlist: Netlist, size: Size, suffix: str, *, memory: bool = Tr
     flops = f"{n.unreset} flops without reset, {unreset} of them at the frame memory"
     error = abs(latches - intended) + abs(n.latches - latches)
     judged = {
-        "inferred_latches": (n.inferred_latches, ""),
+        "inferred_latches": (n.inferred_latches,),
         "latch_count_error": (error, counts),
         "unreset_flop_error": (abs(n.unreset - unreset), flops),
         "unmapped_cells": (sum(n.unmapped.values()), ", ".join(sorted(n.unmapped)[:3])),
@@ -91,13 +90,9 @@ def netlist_rows(netlist: Netlist, size: Size, suffix: str, *, memory: bool = Tr
     ]
 
 
-def _shown(path: Path_) -> str:
-    return f"{path.start} to {path.end}, {len(path.cells)} cells"
-
-
-def timing_rows(technology: Technology, netlist: Netlist, suffix: str) -> list[Row]:
+def timing_rows(netlist: Netlist, suffix: str) -> list[Row]:
     """Judge setup at the slow corner and hold at the fast one, and report the highest clocks."""
-    periods = sdc_periods()
+    periods, technology = sdc_periods(), netlist.technology
     slow, fast = (
         Timing(technology, corner, netlist.verilog, netlist.directory)
         for corner in (technology.slow, technology.fast)
@@ -107,39 +102,40 @@ def timing_rows(technology: Technology, netlist: Netlist, suffix: str) -> list[R
         early, late = technology.derates(at.corner)
         factor = late if path.kind == "max" else early
         derate = f", delays x {factor:g}" if factor != 1.0 else ""
-        return f"corner {at.corner}{derate}; {_shown(path)}"
+        return f"corner {at.corner}{derate}; {path}"
 
     setup = slow.worst(periods)
     untimed = slow.untimed()
     hold = setup if slow == fast else fast.worst(periods)
-    rows = [verdict.judge(f"synth.untimed_pins.{suffix}", len(untimed), ", ".join(untimed[:3]))]
-    for clock in CLOCKS:
-        for name, at, path in (("setup", slow, setup[clock, "max"]), ("hold", fast, hold[clock, "min"])):
-            row = f"synth.{name}_slack_ns.{clock}.{suffix}"
-            rows.append(verdict.judge(row, path.slack_ns, said(at, path)))
-    for name, at, path in (("setup", slow, setup[GATING, "max"]), ("hold", fast, hold[GATING, "min"])):
-        rows.append(verdict.judge(f"synth.gating_{name}_slack_ns.{suffix}", path.slack_ns, said(at, path)))
-    for name, at, path in (("recovery", slow, setup[ASYNC, "max"]), ("removal", fast, hold[ASYNC, "min"])):
-        note = f"{said(at, path)}; one gate drives all, before the tree of layout"
-        rows.append(verdict.measured(f"synth.{name}_slack_ns.{suffix}", path.slack_ns, "ns", note))
+    rows: list[Row] = []
+
+    def add(name: str, value: float, unit: str, note: str) -> None:
+        rows.append(verdict.measured(f"{name}.{suffix}", value, unit, note))
+
+    add("synth.untimed_pins", len(untimed), "pins", ", ".join(untimed[:3]))
+    named = {clock: (f"setup_slack_ns.{clock}", f"hold_slack_ns.{clock}") for clock in CLOCKS}
+    named |= {GATING: ("gating_setup_slack_ns", "gating_hold_slack_ns")}
+    named |= {ASYNC: ("recovery_slack_ns", "removal_slack_ns")}
+    for group, names in named.items():
+        tree = "; one gate drives all, before the tree of layout" if group == ASYNC else ""
+        worst = (slow, setup[group, "max"]), (fast, hold[group, "min"])
+        for name, (at, path) in zip(names, worst, strict=True):
+            add(f"synth.{name}", path.slack_ns, "ns", f"{said(at, path)}{tree}")
     skew, width = slow.skew_ns("charge_o*", periods)
     note = f"corner {slow.corner}; rise and fall of a column differ by {width:.2f} ns, a gain of all columns"
-    rows.append(verdict.judge(f"synth.charge_skew_ns.{suffix}", skew, note))
-    safe = f"corner {slow.corner}, from enable_i"
-    rows.append(verdict.judge(f"safe.off_ns.{suffix}", slow.to_safe_ns(periods), safe))
+    add("synth.charge_skew_ns", skew, "ns", note)
+    add("safe.off_ns", slow.to_safe_ns(periods), "ns", f"corner {slow.corner}, from enable_i")
     for clock, path in slow.crossings(periods).items():
-        row = f"synth.crossing_slack_ns.{clock}.{suffix}"
-        rows.append(verdict.judge(row, path.slack_ns, said(slow, path)))
+        add(f"synth.crossing_slack_ns.{clock}", path.slack_ns, "ns", said(slow, path))
     for clock, one in slow.highest(periods).items():
-        row = f"synth.highest_mhz.{clock}.{suffix}"
-        rows.append(verdict.measured(row, 1e3 / one.period_ns, "MHz", said(slow, one.path)))
+        add(f"synth.highest_mhz.{clock}", 1e3 / one.period_ns, "MHz", said(slow, one.path))
     return rows
 
 
-def equivalence_rows(technology: Technology, netlist: Netlist, size: Size, suffix: str) -> list[Row]:
+def equivalence_rows(netlist: Netlist, size: Size, suffix: str) -> list[Row]:
     """Judge the equivalence of netlist and Verilog."""
     work = netlist.directory / "equivalence"
-    proof = prove(technology, size.parameters, netlist.verilog, netlist.json, work)
+    proof = prove(netlist.technology, size.parameters, netlist.verilog, netlist.json, work)
     name = f"synth.not_equivalent.{suffix}"
     note = f"{proof.state_bits} state bits, {proof.outputs} functions"
     note += f", {proof.unpaired} state bits without a partner are free" if proof.unpaired else ""
@@ -151,54 +147,41 @@ def equivalence_rows(technology: Technology, netlist: Netlist, size: Size, suffi
 def block_rows(technology: Technology, size: Size, suffix: str) -> list[Row]:
     """Report the area of each module, submodules and all instances included."""
     made = map_design(technology, size.parameters, place(technology, size), hierarchical=True)
-    total = verdict.report(f"synth.area_by_blocks_um2.{suffix}", made.area_um2, "um2", "hierarchy kept")
-    return [total] + [
-        verdict.report(
-            f"synth.block_um2.{name}.{suffix}",
-            block["area_um2"],
-            "um2",
-            f"{block['instances']} instances: {block['cells']} cells, {block['flops']} flops",
-        )
-        for name, block in sorted(made.blocks.items(), key=lambda item: -item[1]["area_um2"])
-    ]
+    rows = [verdict.report(f"synth.area_by_blocks_um2.{suffix}", made.area_um2, "um2", "hierarchy kept")]
+    for name, block in sorted(made.blocks.items(), key=lambda item: -item[1]["area_um2"]):
+        note = f"{block['instances']} instances: {block['cells']} cells, {block['flops']} flops"
+        rows.append(verdict.report(f"synth.block_um2.{name}.{suffix}", block["area_um2"], "um2", note))
+    return rows
 
 
 def synthesise(
     technology: Technology, size: Size, *, blocks: bool = True, equivalence: bool = True
 ) -> tuple[list[Row], Netlist | None]:
     """Map one size in one library; return the rows that judge it, and the netlist if there is one."""
-    suffix, rows = f"{technology.name}.{size.name}", []
-    flat: Netlist | None = None
+    suffix, rows, made = f"{technology.name}.{size.name}", list[Row](), list[Netlist]()
     start = time.perf_counter()
 
     def make() -> list[Row]:
-        nonlocal flat
-        flat = map_once(technology, size.parameters, place(technology, size), fresh=True)
-        return netlist_rows(flat, size, suffix)
+        made.append(map_once(technology, size.parameters, place(technology, size), fresh=True))
+        return netlist_rows(made[0], size, suffix)
 
     attempt(rows, f"synth.netlist.{suffix}", make)
-    if flat is not None:
-        attempt(rows, f"synth.timing.{suffix}", lambda: timing_rows(technology, flat, suffix))
+    for flat in made:
+        attempt(rows, f"synth.timing.{suffix}", timing_rows, flat, suffix)
         if equivalence:
-            name = f"synth.not_equivalent.{suffix}"
-            attempt(rows, name, lambda: equivalence_rows(technology, flat, size, suffix))
+            attempt(rows, f"synth.not_equivalent.{suffix}", equivalence_rows, flat, size, suffix)
     if blocks:
-        attempt(rows, f"synth.blocks.{suffix}", lambda: block_rows(technology, size, suffix))
+        attempt(rows, f"synth.blocks.{suffix}", block_rows, technology, size, suffix)
     seconds = time.perf_counter() - start
     rows.append(verdict.report(f"synth.seconds.{suffix}", seconds, "s", "all of the above"))
-    return rows, flat
+    return rows, made[0] if made else None
 
 
 def constraint_rows() -> list[Row]:
     """Judge the clock period of the constraint file against the design."""
     wanted = 1e9 / load_design().converter.f_clk_hz
-    error = abs(sdc_periods()["clk"] - wanted)
-    return [
-        verdict.judge("synth.clk_period_error_ns", error, f"{SDC.name} against {wanted:g} ns of design.toml")
-    ]
-
-
-# ---- sizes ------------------------------------------------------------------------------------------------------
+    error, note = abs(sdc_periods()["clk"] - wanted), f"{SDC.name} against {wanted:g} ns of design.toml"
+    return [verdict.judge("synth.clk_period_error_ns", error, note)]
 
 
 def size_rows(technology: Technology, size: Size) -> list[Row]:
@@ -227,12 +210,9 @@ def size_rows(technology: Technology, size: Size) -> list[Row]:
     def fmax(made: Netlist) -> list[Row]:
         directory = made.directory / "sizes"
         at = Timing(technology, technology.slow, made.verilog, directory, black_boxes=not whole)
-        return [
-            verdict.measured(
-                f"synth.highest_mhz.{clock}.{suffix}", 1e3 / one.period_ns, "MHz", _shown(one.path)
-            )
-            for clock, one in at.highest(sdc_periods()).items()
-        ]
+        found = at.highest(sdc_periods()).items()
+        names = {clock: f"synth.highest_mhz.{clock}.{suffix}" for clock, _ in found}
+        return [verdict.measured(names[c], 1e3 / one.period_ns, "MHz", str(one.path)) for c, one in found]
 
     def full() -> list[Row]:
         made = map_once(technology, size.parameters, place(technology, size))
@@ -245,18 +225,12 @@ def size_rows(technology: Technology, size: Size) -> list[Row]:
     return rows
 
 
-# ---- docs -------------------------------------------------------------------------------------------------------
-
-
 def write_docs(**tables: Sequence[Row]) -> None:
     """Write tables of rows between their marks in docs/synthesis.md."""
     for name, rows in tables.items():
         begin, end = MARKS[name]
         write_between(ROOT / DOCS, begin, end, markdown.rows_table(rows))
     click.echo(f"written: {DOCS}")
-
-
-# ---- commands ---------------------------------------------------------------------------------------------------
 
 
 def size_options(command: Callable[..., int]) -> Callable[..., int]:

@@ -70,15 +70,10 @@ class _Side:
                 self.gates.append(pins)
             else:
                 raise SimulatorError(f"cannot compare a cell {cell['type']}", path)
-        self.inputs, self.outputs = (
-            {
-                f"{name}[{place}]": bit
-                for name, port in tops[0]["ports"].items()
-                if port["direction"] == direction
-                for place, bit in enumerate(port["bits"])
-            }
-            for direction in ("input", "output")
-        )
+        ports: dict[str, dict[str, Bit]] = {"input": {}, "output": {}}
+        for name, port in tops[0]["ports"].items():
+            ports[port["direction"]] |= {f"{name}[{n}]": bit for n, bit in enumerate(port["bits"])}
+        self.inputs, self.outputs = ports.values()
         self.nets: dict[Bit, str] = {"0": "const0", "1": "const1", "x": "const0", "z": "const0"}
 
     def net(self, bit: Bit) -> str:
@@ -187,7 +182,7 @@ def prove(
     directory.mkdir(parents=True, exist_ok=True)
     verilog = [read_rtl(None), *elaborate(parameters, top), "flatten", "opt_clean", *WORDS_TO_FLOPS]
     mapped = [
-        f"read_liberty -ignore_miss_func {technology.liberty(technology.corners[0])}",
+        f"read_liberty -ignore_miss_func {technology.typical}",
         *(f"read_verilog -overwrite {model}" for model in technology.functions()),
         f"read_verilog {netlist}",
         *(f"hierarchy -check -top {top}", "flatten", "proc", "opt_clean"),

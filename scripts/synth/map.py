@@ -8,7 +8,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,7 @@ from scripts.synth.cells import Cell, Technology, areas, cells, for_cells, mappi
 TOP = "dermis_top"
 RAM = "dermis_tech_ram"
 YOSYS_LIMIT_S = 900.0
-# Target delay of ABC in ps: short, for a meaningful highest clock; it hardly changes the area at 5
-# MHz.
+# Target delay of ABC in ps, short for a meaningful highest clock; the area at 5 MHz hardly changes.
 DELAY_PS = 5000
 
 _MESSAGE = re.compile(r"^(?:\S+:\d+: )?(?:Warning|ERROR): .*$", re.MULTILINE)
@@ -52,12 +51,7 @@ class Size:
 
     @property
     def parameters(self) -> dict[str, int]:
-        return {
-            "ROWS": self.rows,
-            "COLS": self.cols,
-            "CODE_BITS": self.code_bits,
-            "SYNC_LATCH": int(self.sync_latch),
-        }
+        return {name.upper(): int(value) for name, value in asdict(self).items()}
 
     @property
     def latches(self) -> int:
@@ -106,9 +100,7 @@ class Netlist:
 
 
 def run_yosys(script: Sequence[str], directory: Path, name: str, limit_s: float = YOSYS_LIMIT_S) -> str:
-    """Run a Yosys script; return its output. SimulatorError, with the first line of that, if it
-    failed, timed out or warned.
-    """
+    """Run a Yosys script; return its output. SimulatorError if it failed, timed out or warned."""
     file, log = directory / f"{name}.ys", directory / f"{name}.log"
     file.write_text("\n".join(script) + "\n")
     log.unlink(missing_ok=True)
@@ -137,9 +129,8 @@ def elaborate(size: Mapping[str, int], top: str = TOP) -> list[str]:
     return [f"hierarchy -check -top {top} {parameters}", "proc", "check -assert"]
 
 
-# Undriven bits, such as words past the end of a memory, are 0 on both sides of the proof. The order
-# matters: an open enable of a read port would become 0 too. The check for undriven wires comes
-# before.
+# Undriven bits, such as words past the end of a memory, are 0 on both sides of the proof. The check for undriven
+# wires comes before; in another order an open enable of a read port would become 0 too.
 WORDS_TO_FLOPS = ["memory -nomap", "opt_clean", "memory_map", "setundef -undriven -zero", "opt_clean"]
 
 
@@ -162,18 +153,17 @@ def map_design(
     black_box_memory : leave dermis_tech_ram out, like a memory macro
     """
     directory.mkdir(parents=True, exist_ok=True)
-    liberty = technology.liberty(technology.corners[0])
-    choice = mapping_liberty(technology, liberty, directory / "map.lib")
-    library = cells(liberty)
+    choice, library = mapping_liberty(technology, directory / "map.lib"), cells(technology.typical)
     constraint = directory / "abc.constr"
     constraint.write_text(f"set_driving_cell {technology.driver}\nset_load {technology.load_ff:g}\n")
     name = "hierarchical" if hierarchical else "netlist"
     netlist = Netlist(technology, directory, directory / f"{name}.v", directory / f"{name}.json")
-    for stale in (netlist.counts, netlist.verilog, netlist.json):
+    made = netlist.counts, netlist.verilog, netlist.json
+    for stale in made:
         stale.unlink(missing_ok=True)
     script = templates.text(
         "map.ys",
-        liberty=liberty,
+        liberty=technology.typical,
         choice=choice,
         library=library,
         technology=technology,
@@ -187,7 +177,7 @@ def map_design(
         netlist=netlist,
     ).splitlines()
     run_yosys(script, directory, name)
-    if not netlist.json.is_file() or not netlist.verilog.is_file() or not netlist.counts.is_file():
+    if not all(path.is_file() for path in made):
         raise SimulatorError("Yosys wrote no netlist", directory / f"{name}.log")
     read_netlist(netlist, top, library)
     return netlist
@@ -206,12 +196,7 @@ def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
     digest = hashlib.sha256(json.dumps(what, sort_keys=True).encode())
     headers = [h for d in rtl_include_dirs() for h in sorted(d.glob("*.vh"))]
     own = [Path(__file__), Path(synth_cells.__file__), templates.path("map.ys")]
-    for path in [
-        *for_cells(rtl_sources(), technology),
-        *headers,
-        *own,
-        technology.liberty(technology.corners[0]),
-    ]:
+    for path in [*for_cells(rtl_sources(), technology), *headers, *own, technology.typical]:
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
@@ -234,7 +219,7 @@ def map_once(
     with locked(directory / "lock"):
         there = mark.is_file() and netlist.verilog.is_file() and netlist.json.is_file()
         if there and not fresh and mark.read_text() == content():
-            read_netlist(netlist, TOP, cells(technology.liberty(technology.corners[0])))
+            read_netlist(netlist, TOP, cells(technology.typical))
             return netlist
         mark.unlink(missing_ok=True)
         netlist = map_design(technology, parameters, directory)

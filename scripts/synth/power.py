@@ -64,12 +64,11 @@ def power_uw(
     and the buffers of the clock tree are left out.
     """
     technology = netlist.technology
-    top = next(
-        m for m in json.loads(netlist.json.read_text())["modules"].values() if m["attributes"].get("top")
-    )
+    modules = json.loads(netlist.json.read_text())["modules"].values()
+    top = next(module for module in modules if module["attributes"].get("top"))
     pins = {
         group.name: {pin.name: float(pin.attributes.get("capacitance", 0.0)) * 1e3 for pin in group.of("pin")}
-        for group in liberty.read(technology.liberty(technology.corners[0])).of("cell")
+        for group in liberty.read(technology.typical).of("cell")
     }
     changes: dict[int, int] = {}
     for name, net in top["netnames"].items():

@@ -47,6 +47,9 @@ class Path_:
     slack_ns: float
     cells: tuple[str, ...]
 
+    def __str__(self) -> str:
+        return f"{self.start} to {self.end}, {len(self.cells)} cells"
+
 
 def parse(report: str) -> dict[tuple[str, str], Path_]:
     """Return the worst path of each (group, "max" or "min") in a report of OpenSTA."""
@@ -220,8 +223,7 @@ class Timing:
                 if 0 <= path.slack_ns <= _CLOSE * period:
                     found[clock] = Highest(period, path)
                 else:
-                    # Exact for a path of one period, half way for one of half a period; the margin
-                    # lets the search end with a pass.
+                    # Exact for a path of one period, half way for half a period; the margin lets the search end.
                     periods[clock] = max(period * (1 + _CLOSE / 10) - path.slack_ns, period / 64)
             if len(found) == len(CLOCKS):
                 return {clock: found[clock] for clock in CLOCKS}

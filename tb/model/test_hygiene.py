@@ -13,15 +13,10 @@ import tolerances
 
 from dermis.scene.design import ROOT
 
-# --- floating point -------------------------------------------------------------------------------------------------
-
 
 def test_numpy_raises_in_every_test() -> None:
     with pytest.raises(FloatingPointError):
         np.divide(1.0, np.zeros(1))
-
-
-# --- tolerances ------------------------------------------------------------------------------------------------------
 
 
 def test_no_tolerance_and_no_swallowed_exception_is_without_a_reason() -> None:

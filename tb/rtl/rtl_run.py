@@ -4,44 +4,25 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dermis.chip import hdl
 from dermis.chip.sources import rtl_sources
 from dermis.errors import SimulatorError
 from dermis.scene.design import ROOT
 from scripts.cocotb_run import run_bench
 
-TRAPS = Path(__file__).resolve().parent / "traps"
-# Not moved with ROOT by scripts/mutate_plugin.py: a seeded fault is one of the right module.
-RTL = ROOT / "rtl"
 
-
-def _build(
-    simulator: str,
-    toplevel: str,
-    parameters: Mapping[str, int],
-    trap: str | Path | None,
-    around: Sequence[Path],
-) -> Path:
-    """Directory of the build, with a trap in the place of the module it names.
-
-    DERMIS_NETLIST (paths with colons between) takes the place of rtl/ for dermis_top: its tests run
-    on mapped gates.
-    """
-    if toplevel == "dermis_top" and (netlist := os.environ.get("DERMIS_NETLIST")):
-        gates = [Path(name) for name in netlist.split(os.pathsep)]
-        return hdl.build(simulator, toplevel, {}, sources=gates, optimise=False, where="rtl")
+def _sources(trap: Path | None, around: Sequence[Path]) -> list[Path]:
+    """Return the Verilog files, with a trap in the place of its module."""
     sources = [*rtl_sources(), *around]
-    if trap is not None:
-        trap = trap if isinstance(trap, Path) else TRAPS / f"{trap}.v"
-        module = trap.read_text().split("module ", 1)[1].split(None, 1)[0].rstrip("(;")
-        assert module in {source.stem for source in sources}, f"{trap.name} replaces no module"
-        sources = [trap if source.stem == module else source for source in sources]
-    # No optimisation of the C++: the compiler, not the simulation, takes the time here.
-    return hdl.build(simulator, toplevel, parameters, sources=sources, optimise=False, where="rtl")
+    if trap is None:
+        return sources
+    (module,) = re.findall(r"^module (\w+)", trap.read_text(), re.MULTILINE)[:1]
+    assert module in {source.stem for source in sources}, f"{trap.name} replaces no module"
+    return [trap if source.stem == module else source for source in sources]
 
 
 def simulate(
@@ -51,10 +32,13 @@ def simulate(
     testcase: str,
     parameters: Mapping[str, int] | None = None,
     scenario: Mapping[str, Any] | None = None,
-    trap: str | Path | None = None,
+    trap: Path | None = None,
     around: Sequence[Path] = (),
 ) -> Any:
     """Run one cocotb test and return what it reported.
+
+    DERMIS_NETLIST (paths with colons between) takes the place of rtl/ for dermis_top: its tests run
+    on mapped gates.
 
     Parameters
     ----------
@@ -67,8 +51,8 @@ def simulate(
         Verilog parameters away from default.
     scenario : mapping
         Handed to the bench as JSON.
-    trap : str or Path, optional
-        Name of a file in traps/, or a path, whose module takes the place of the right one.
+    trap : Path, optional
+        File whose first module takes the place of the right one.
     around : sequence of Path
         Verilog files of the bench, e.g. of a toplevel that joins several modules.
 
@@ -77,9 +61,12 @@ def simulate(
     AssertionError
         The build failed, the test failed or did not run; with the end of the log.
     """
-    build = _build(simulator, toplevel, parameters or {}, trap, around)
+    parameters, sources = parameters or {}, _sources(trap, around)
+    if toplevel == "dermis_top" and (netlist := os.environ.get("DERMIS_NETLIST")):
+        parameters, sources = {}, [Path(name) for name in netlist.split(os.pathsep)]
+    design = {"parameters": parameters, "sources": sources, "where": "rtl"}
     try:
-        return run_bench(simulator, build, toplevel, bench, testcase, scenario or {}, ROOT / "build" / "rtl")
+        return run_bench(simulator, toplevel, bench, testcase, scenario or {}, **design)
     except SimulatorError as error:
         log = Path(error.log) if error.log else None
         end = log.read_text()[-6000:] if log and log.exists() else "no log"
@@ -94,25 +81,29 @@ def play(
     parameters: Mapping[str, int] | None = None,
     trap: Path | None = None,
 ) -> list[tuple[dict[str, int], dict[str, int]]]:
-    """Drive the inputs of a module clock by clock from a reset; return its outputs behind each
-    rising and each falling edge.
-    """
+    """Drive a module clock by clock from a reset; return its outputs behind each rising and each falling edge."""
     ports = list(steps[0])
     scenario = {"ports": ports, "outputs": outputs, "steps": [[step[p] for p in ports] for step in steps]}
-    seen = simulate(simulator, "bench_unit", module, "play", parameters, scenario, trap=trap)
+    seen = simulate(simulator, "rtl_bench", module, "play", parameters, scenario, trap=trap)
     return [tuple(dict(zip(outputs, values, strict=True)) for values in edges) for edges in seen]
 
 
-def changed(tmp_path: Path, module: str, *changes: tuple[str, str], more: str = "") -> Path:
-    """Return a copy of a module with seeded faults, each a text that occurs once and its
-    replacement; `more` is put behind it.
-    """
-    # Without the comments at its head: the first "module" has to be the keyword.
-    lines = (RTL / f"{module}.v").read_text().splitlines()
-    text = "\n".join(line for line in lines if not line.startswith("//"))
+def changed(tmp_path: Path, module: str | Path, *changes: tuple[str, str], more: str = "") -> Path:
+    """Copy a module of rtl/, or a file, with changes (text that occurs once, replacement) and `more` at its end."""
+    path = ROOT / "rtl" / f"{module}.v" if isinstance(module, str) else module
+    text = path.read_text()
     for old, new in changes:
         assert text.count(old) == 1, old
         text = text.replace(old, new)
-    path = tmp_path / f"wrong_{module}.v"
-    path.write_text(f"{text}\n{more}")
-    return path
+    copy = tmp_path / f"wrong_{path.name}"
+    copy.write_text(f"{text}\n{more}")
+    return copy
+
+
+def sync_random(tmp_path: Path) -> Path:
+    """Return the synchronizer with random metastability."""
+    return changed(
+        tmp_path,
+        "dermis_tech_sync",
+        ("`default_nettype none", "`define DERMIS_SYNC_RANDOM\n`default_nettype none"),
+    )

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 import cocotb
@@ -12,58 +13,42 @@ from cocotb.triggers import Timer
 from numpy.typing import NDArray
 from rtl_bench import report, scenario
 from spi_client import Pins
+from top_bench import Chip
 
 from dermis.chip import column_calibration
-from dermis.chip import spi_protocol as spi
 from dermis.scene import design
 
-SCK_PS = 400_000
 
+class Channels:
+    """Charge balance of mismatched columns, in packets; methods as in AnalogColumns."""
 
-async def channels(dut: Any, s: dict[str, Any]) -> None:
-    """Drive the clock and the comparators: charge balance of every column in packets, half a clock at a time."""
-    rows, cols = np.shape(s["duty"])
-    duty, dark, full = (np.array(s[name]) for name in ("duty", "dark", "full"))
-    packet, bits = np.array(s["packet"]), 1 << np.arange(cols)
-    w = np.full(cols, -0.5)
-    half, rest, before = Timer(100, "ns"), Timer(99, "ns"), Timer(1, "ns")
+    def __init__(self, s: Mapping[str, Any]) -> None:
+        self.duty, self.dark, self.full, self.packet = (
+            np.array(s[name]) for name in ("duty", "dark", "full", "packet")
+        )
+        self.bits = 1 << np.arange(len(self.dark))
+        self.w = np.full(len(self.dark), -0.5)
 
-    def level(handle: Any) -> int:
-        value = handle.value
-        return int(value) if value.is_resolvable else 0
+    @functools.cache  # noqa: B019
+    def _current(self, rows: int, test: int) -> NDArray[np.float64]:
+        driven = [row - self.dark for r, row in enumerate(self.duty) if rows >> r & 1]
+        return sum(driven, start=self.dark) + np.where(test & self.bits, self.full - self.dark, 0.0)
 
-    @functools.cache
-    def current(row: int, test: int) -> NDArray[np.float64]:
-        x = dark + sum((duty[r] - dark for r in range(rows) if row >> r & 1), start=np.zeros(cols))
-        return np.where(test & bits, x + full - dark, x)
+    def half_clock(self, rows: int, preset: int, charge: int, test: int) -> None:
+        step = 0.5 * (self._current(rows, test) - self.packet * (charge & self.bits != 0))
+        self.w = np.full(len(self.dark), -0.5) if preset else self.w + step
 
-    while True:
-        dut.clk_i.value = 1
-        await half
-        row, test = level(dut.row_select_o), level(dut.test_current_o)
-        dut.row_sense_i.value = row
-        x = current(row, test)
-        for wait in (None, rest):
-            charge = level(dut.charge_o) & bits != 0
-            w = np.full(cols, -0.5) if level(dut.preset_o) else w + 0.5 * (x - packet * charge)
-            if wait is not None:
-                dut.clk_i.value = 0
-                await wait
-        dut.comp_async_i.value = int(bits @ (w >= 0))
-        await before
+    def comparators(self) -> int:
+        return int(self.bits @ (self.w >= 0))
 
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def calibrate(dut: Any) -> None:
     s = scenario()
-    for pin in (dut.rst_ni, dut.enable_i, dut.comp_async_i, dut.row_sense_i):
-        pin.value = 0
-    cocotb.start_soon(channels(dut, s))
-    host = Pins(dut, SCK_PS)
-    await Timer(1, "us")
-    dut.rst_ni.value = 1
-    await Timer(2, "us")
-    dut.enable_i.value = 1
+    rows, cols = np.shape(s["duty"])
+    chip = Chip(dut, {"ROWS": rows, "COLS": cols}, analog=Channels(s))
+    host = Pins(dut, 2 * chip.clock_ps)
+    await chip.reset()
     steps = column_calibration.measure(design.load(), len(s["dark"]))
     made, count = None, 0
     step = next(steps)
@@ -75,7 +60,7 @@ async def calibrate(dut: Any) -> None:
             made = done.value
     while not int(dut.frame_ready_o.value):
         await Timer(10, "us")
-    frame = await host.run(spi.read_frame())
+    frame = await host.frame()
     report(
         {
             "dark": made.dark.tolist(),

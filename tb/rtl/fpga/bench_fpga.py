@@ -13,7 +13,6 @@ from rtl_bench import report, scenario
 from spi_client import Pins
 
 from dermis.chip import register_map as rm
-from dermis.chip import spi_protocol as spi
 
 CLOCK_PS = 40_000
 
@@ -34,19 +33,14 @@ async def board(dut: Any) -> None:
 
     await Timer(40 * CLOCK_PS, "ps")
     cocotb.start_soon(watch())
-    found = await pins.run(spi.read_register(rm.ID))
+    found = await pins.read(rm.ID)
     times = []
     for _ in range(2):
         while not int(dut.ready_o.value):
             await Timer(CLOCK_PS, "ps")
         times.append(get_sim_time("ps") / CLOCK_PS)
-        frame = await pins.run(spi.read_frame())
+        frame = await pins.frame()
     report(
-        {
-            "id": found,
-            "codes": frame.codes.tolist(),
-            "clocks": times[1] - times[0],
-            "charge": sorted(charge),
-            "cipo": str(dut.cipo_o.value),
-        }
+        {"id": found, "codes": frame.codes.tolist(), "clocks": times[1] - times[0]}
+        | {"charge": sorted(charge), "cipo": str(dut.cipo_o.value)}
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rtl_run import simulate
+from rtl_run import changed, simulate
 
 from dermis.chip.sources import rtl_sources
 from dermis.errors import InputError, SimulatorError
@@ -22,30 +22,13 @@ TOP = ROOT / fpga.FPGA / "dermis_board.v"
 SMALL = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8, "GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
 
 
-def wrong(path: Path, tmp_path: Path, old: str, new: str) -> Path:
-    """Return a copy of a file of rtl/fpga with a seeded fault, without the comments at its head."""
-    text = "\n".join(line for line in path.read_text().splitlines() if not line.startswith("//"))
-    assert text.count(old) == 1, old
-    copy = tmp_path / path.name
-    copy.write_text(text.replace(old, new))
-    return copy
-
-
-# --- memory and board top, in Icarus --------------------------------------------------------------
-
-
 def frames(memory: Path) -> None:
     scenario = {"parameters": SMALL, "ratios": [0.1, 1.0, 10.0], "repeats": 1, "frames": 2}
     simulate("icarus", "bench_top", "dermis_top", "ratios", SMALL, scenario, trap=memory)
 
 
-def test_a_byte_of_block_ram_is_there_in_time_at_any_ratio(tmp_path: Path) -> None:
-    frames(bare(MEMORY, tmp_path))
-
-
-def bare(path: Path, tmp_path: Path) -> Path:
-    """Return a copy that the bench takes for a module: the first word `module` is the keyword."""
-    return wrong(path, tmp_path, "`default_nettype none", "`default_nettype none")
+def test_a_byte_of_block_ram_is_there_in_time_at_any_ratio() -> None:
+    frames(MEMORY)
 
 
 # A read clock that is not that of the address, and a memory that reads one byte too far.
@@ -58,19 +41,18 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_wrong_read_is_seen(fault: str, tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match=r"1 ran, 1 failed"):
-        frames(wrong(MEMORY, tmp_path, *FAULTS[fault]))
+        frames(changed(tmp_path, MEMORY, FAULTS[fault]))
 
 
-def board(tmp_path: Path, around: Path = TOP) -> dict[str, Any]:
-    parameters = {"ROWS": 2, "COLS": 4, "DIVIDE": 5}
-    scenario, memory = {"cols": 4}, bare(MEMORY, tmp_path)
+def board(around: Path = TOP) -> dict[str, Any]:
+    parameters, scenario = {"ROWS": 2, "COLS": 4, "DIVIDE": 5}, {"cols": 4}
     return simulate(
-        "icarus", "bench_fpga", "dermis_board", "board", parameters, scenario, trap=memory, around=[around]
+        "icarus", "bench_fpga", "dermis_board", "board", parameters, scenario, trap=MEMORY, around=[around]
     )
 
 
-def test_the_board_top_starts_by_itself_and_drives_its_pins(tmp_path: Path) -> None:
-    got = board(tmp_path)
+def test_the_board_top_starts_by_itself_and_drives_its_pins() -> None:
+    got = board()
     assert got["id"] == 0xDE01
     # A comparator at 1 counts every second of 510 samples; a slot has 625 clocks.
     assert got["codes"] == [[255, 0, 255, 0]] * 2
@@ -80,8 +62,8 @@ def test_the_board_top_starts_by_itself_and_drives_its_pins(tmp_path: Path) -> N
 
 
 def test_a_charge_pin_that_drives_a_one_is_seen(tmp_path: Path) -> None:
-    driven = wrong(TOP, tmp_path, "charge[c] ? 1'b0 : 1'bz", "~charge[c]")
-    assert board(tmp_path, driven)["charge"] == ["0", "1"]
+    driven = changed(tmp_path, TOP, ("charge[c] ? 1'b0 : 1'bz", "~charge[c]"))
+    assert board(driven)["charge"] == ["0", "1"]
 
 
 @pytest.mark.parametrize("name", fpga.BOARDS)
@@ -91,9 +73,6 @@ def test_lint_of_the_board_top_has_no_message(name: str) -> None:
     values = [f"-G{key}={value}" for key, value in fpga.BOARDS[name]["parameters"].items()]
     row = lint._verilator(name, ROOT, fpga.BOARD_TOP, *values, "-Irtl", lint.WAIVERS, *sources)
     assert row["status"] == "PASS", row
-
-
-# --- figures --------------------------------------------------------------------------------------
 
 
 def tell(monkeypatch: pytest.MonkeyPatch, report: dict[str, Any], bits: bytes = b"bits") -> list[Row]:
@@ -155,9 +134,6 @@ def test_a_missing_tool_is_named_at_once(monkeypatch: pytest.MonkeyPatch, tmp_pa
     ) as error:
         fpga.tool(fpga.BOARDS["upduino"]["place"])
     assert error.value.exit_code == 2
-
-
-# --- a whole build --------------------------------------------------------------------------------
 
 
 def lacking() -> str:

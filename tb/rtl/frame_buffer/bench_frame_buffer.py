@@ -50,10 +50,10 @@ async def whole_frames(dut: Any) -> None:
             for n, byte in enumerate(frame):
                 if n == cut:
                     break
-                last = n == length - 1
-                if last and joined:
+                ends = joined and n == length - 1
+                if ends:
                     written.append(frame)
-                await clock(begin=int(joined and n == 0), we=1, byte=byte, end=int(last and joined))
+                await clock(begin=int(joined and n == 0), we=1, byte=byte, end=int(ends))
                 for _ in range(rng.choice((0, 0, 0, 1))):
                     await clock()
             else:
@@ -62,6 +62,13 @@ async def whole_frames(dut: Any) -> None:
                     await clock(end=1)
             for _ in range(rng.choice((0, 1, 5, 40))):
                 await clock()
+
+    async def granted(toggle: int, period: int) -> None:
+        for _ in range(200):
+            await Timer(8 * period, "ps")
+            if int(dut.hold_ack_o.value) == toggle:
+                return
+        raise AssertionError("no grant")
 
     cocotb.start_soon(writer())
     numbers: list[int] = []
@@ -77,19 +84,11 @@ async def whole_frames(dut: Any) -> None:
             dut.cs_ni.value = 1
             await Timer(rng.choice((1_000, period, 3 * CLOCK_PS)), "ps")
             dut.cs_ni.value = 0
-            for _ in range(200):
-                await Timer(8 * period, "ps")
-                if int(dut.hold_ack_o.value) == toggle:
-                    break
+            await granted(toggle, period)
             ready = int(dut.frame_ready_o.value)
             toggle = 1 - toggle
             dut.hold_toggle_i.value = toggle
-        for _ in range(200):
-            await Timer(8 * period, "ps")
-            if int(dut.hold_ack_o.value) == toggle:
-                break
-        else:
-            raise AssertionError("no grant")
+        await granted(toggle, period)
         length = int(dut.length_o.value)
         data = bytearray()
         for n in range(length):

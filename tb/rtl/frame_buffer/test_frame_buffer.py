@@ -6,9 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from rtl_run import changed, simulate
+from rtl_run import changed, simulate, sync_random
 
-SYNC_RANDOM = Path(__file__).parent / "sync_random.v"
 SIZE = {"BANK_BYTES": 20}
 
 
@@ -19,8 +18,8 @@ def whole_frames(simulator: str, trap: Path | None) -> dict[str, int]:
     )
 
 
-def test_a_read_sees_one_whole_frame_whatever_the_clocks(simulator: str) -> None:
-    got = whole_frames(simulator, SYNC_RANDOM)
+def test_a_read_sees_one_whole_frame_whatever_the_clocks(simulator: str, tmp_path: Path) -> None:
+    got = whole_frames(simulator, sync_random(tmp_path))
     assert got["different"] > 20
     assert got["lost"] > 0
 

@@ -11,24 +11,14 @@ from cocotb.triggers import Timer
 from rtl_bench import report, scenario
 from spi_client import Pins
 
-from dermis.chip import register_map, spi_protocol
+from dermis.chip import register_map as rm
+from dermis.chip import spi_protocol
 
 HALF_NS = 100
-# SPI edges fall 7 ns beside multiples of 20 ns, clock edges upon one: crossings are seen alike with
-# and without delays.
+# SPI edges fall 7 ns beside multiples of 20 ns, clock edges upon one: flop delays change no crossing.
 SPI_PERIOD_PS = 80_000
 SPI_OFFSET_NS = 7
-PINS = (
-    "row_select_o",
-    "preset_o",
-    "charge_o",
-    "range_o",
-    "test_current_o",
-    "frame_start_o",
-    "spi_cipo_o",
-    "spi_cipo_oe_o",
-    "frame_ready_o",
-)
+OUTPUTS = "row_select preset charge range test_current frame_start spi_cipo spi_cipo_oe frame_ready".split()
 
 
 class Bench:
@@ -80,8 +70,8 @@ class Bench:
 
     def _look(self) -> None:
         word = 0
-        for name in PINS:
-            word = word << len(getattr(self.dut, name)) | self.known(name)
+        for name in OUTPUTS:
+            word = word << len(getattr(self.dut, f"{name}_o")) | self.known(f"{name}_o")
         self.pins.append(word)
 
     async def until_ready(self, limit: int) -> None:
@@ -113,35 +103,21 @@ async def reads_frames(dut: Any) -> None:
     await bench.power_up()
     frames: list[str] = []
 
-    async def write(register: str, value: int) -> None:
-        await host.run(spi_protocol.write_register(getattr(register_map, register), value))
-
-    async def read(register: str) -> int:
-        return await host.run(spi_protocol.read_register(getattr(register_map, register)))
-
     # Before any frame was stored the memory is unknown: nothing of it may show.
-    frames.append((await host.run(spi_protocol.read_frame_bytes())).hex())
-    registers = [await read("ID"), await read("GEOMETRY"), await read("FORMAT")]
-    await write("SETTLE", s["settle"])
-    await write("GATE", s["gate"])
+    frames.append((await host.frame_bytes()).hex())
+    registers = [await host.read(a) for a in (rm.ID, rm.GEOMETRY, rm.FORMAT)]
+    await host.write(rm.SETTLE, s["settle"])
+    await host.write(rm.GATE, s["gate"])
     dut.enable_i.value = 1
     for frame in range(s["frames"]):
         if frame == 1:
-            await write("CONTROL", 1 | 1 << 3)  # with a dark slot
+            await host.write(rm.CONTROL, 1 | 1 << 3)  # with a dark slot
         if frame == 2:
-            await write("CONTROL", 1 | 1 << 2)  # and a self-test frame
+            await host.write(rm.CONTROL, 1 | 1 << 2)  # and a self-test frame
         await bench.until_ready(s["limit"])
-        data = await host.run(spi_protocol.read_frame_bytes())
+        data = await host.frame_bytes()
         spi_protocol.parse_frame(data)
         frames.append(data.hex())
-    registers += [await read("STATUS"), await read("FRAME_NUMBER"), await read("LOST")]
-    report(
-        {
-            "frames": frames,
-            "registers": registers,
-            "unknown": bench.unknown,
-            "first_unknown": bench.first_unknown,
-            "clocks": bench.clocks,
-            "pins": [f"{word:x}" for word in bench.pins],
-        }
-    )
+    registers += [await host.read(a) for a in (rm.STATUS, rm.FRAME_NUMBER, rm.LOST)]
+    seen = {"unknown": bench.unknown, "first_unknown": bench.first_unknown, "clocks": bench.clocks}
+    report(seen | {"frames": frames, "registers": registers, "pins": [f"{word:x}" for word in bench.pins]})

@@ -13,7 +13,6 @@ from rtl_bench import report
 from spi_client import Pins
 
 from dermis.chip import register_map as rm
-from dermis.chip import spi_protocol as spi
 
 SCK, CS_N, COPI, CIPO, READY, ENABLE = 5, 6, 7, 8, 9, 10
 GATE = 20
@@ -64,19 +63,12 @@ async def read_out(dut: Any) -> None:
     await host.select()
     selected = int(dut.io_oeb.value)
     await host.deselect()
-    identity = await host.run(spi.read_register(rm.ID))
-    geometry = await host.run(spi.read_register(rm.GEOMETRY))
-    await host.run(spi.write_register(rm.GATE, GATE))
+    identity = await host.read(rm.ID)
+    geometry = await host.read(rm.GEOMETRY)
+    await host.write(rm.GATE, GATE)
     Driven(dut.io_in, ENABLE).value = 1
     while not Pad(dut.io_out, READY).value:
         await Timer(1, "us")
-    frame = spi.parse_frame(await host.run(spi.read_frame_bytes()))
-    report(
-        {
-            "idle": idle,
-            "selected": selected,
-            "identity": identity,
-            "geometry": geometry,
-            "codes": frame.codes.tolist(),
-        }
-    )
+    frame = await host.frame()
+    found = {"idle": idle, "selected": selected, "identity": identity, "geometry": geometry}
+    report(found | {"codes": frame.codes.tolist()})

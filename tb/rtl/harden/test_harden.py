@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -14,6 +12,7 @@ from rtl_run import simulate
 
 from dermis.chip import sky130
 from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
+from dermis.processes.children import output_of
 from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design
 from scripts.synth.cells import TECHNOLOGIES, for_cells
@@ -71,17 +70,13 @@ def test_configuration_takes_the_sources_of_the_one_file_list() -> None:
 
 
 def test_pin_order_names_every_port_of_the_top_once() -> None:
-    patterns = [
-        line.strip()
-        for line in (HARDEN / "pin_order.cfg").read_text().splitlines()
-        if line.strip() and line[0] not in "#@"
-    ]
-    names = ports(ROOT / "rtl" / "dermis_top.v")
-    for name in names:
+    patterns = re.findall(r"^([^#@\s]\S*)\s*$", (HARDEN / "pin_order.cfg").read_text(), re.MULTILINE)
+    matched = []
+    for name in ports(ROOT / "rtl" / "dermis_top.v"):
         matching = [p for p in patterns if re.fullmatch(p, name) or re.fullmatch(p, f"{name}[3]")]
         assert len(matching) == 1, (name, matching)
-    for pattern in patterns:
-        assert any(re.fullmatch(pattern, n) or re.fullmatch(pattern, f"{n}[3]") for n in names), pattern
+        matched += matching
+    assert set(matched) == set(patterns)
 
 
 def test_fusesoc_core_has_the_one_file_list() -> None:
@@ -89,9 +84,8 @@ def test_fusesoc_core_has_the_one_file_list() -> None:
     text = (ROOT / "rtl" / "dermis.core").read_text()
     listed = re.findall(r"^ +- (dermis_\w+\.v)\b", text, re.MULTILINE)
     assert listed == [p.name for p in rtl_sources()]
-    assert re.findall(r"^ +- (\w+\.vh) ?: ?\{is_include_file ?: ?true", text, re.MULTILINE) == [
-        p.name for d in rtl_include_dirs() for p in sorted(d.glob("*.vh"))
-    ]
+    headers = [p.name for d in rtl_include_dirs() for p in sorted(d.glob("*.vh"))]
+    assert re.findall(r"^ +- (\w+\.vh) ?: ?\{is_include_file ?: ?true", text, re.MULTILINE) == headers
 
 
 # Caravan's numbering, from the comments in its example project's wrapper: (first and last index, first pad).
@@ -122,14 +116,9 @@ DIGITAL = {
 
 
 def test_the_table_of_pads_is_that_of_the_wrapper() -> None:
-    """Signals of docs/handover.md on pads of their own; digital ones, rows and reference where the
-    wrapper has them.
-    """
-    table = re.findall(
-        r"^\| (\d+) \| `(\w+)\[(\d+)\]` \| ([^|]+) \|",
-        (ROOT / "docs" / "handover.md").read_text(),
-        re.MULTILINE,
-    )
+    """Each signal of docs/handover.md has its own pad, if digital, row or reference that of the wrapper."""
+    page = (ROOT / "docs" / "handover.md").read_text()
+    table = re.findall(r"^\| (\d+) \| `(\w+)\[(\d+)\]` \| ([^|]+) \|", page, re.MULTILINE)
     assert len({number for number, *_ in table}) == len(table) == 6 + 2 * 8 + 4
     text = WRAPPER.read_text()
     value = {name: int(number) for name, number in re.findall(r"localparam (\w+) += (\d+);", text)}
@@ -151,23 +140,12 @@ def test_wrapper_takes_a_hardened_macro(tmp_path: Path) -> None:
     core = tmp_path / "dermis_top.v"
     core.write_text(macro((ROOT / "rtl" / "dermis_top.v").read_text()))
     place = verilator_root()
-    command = [
-        str(place / "bin" / "verilator_bin"),
-        "--lint-only",
-        "-DDERMIS_MACRO",
-        "--top-module",
-        WRAPPER.stem,
-    ]
-    files = [core, HARDEN / "dermis_analog_front_end.v", WRAPPER]
+    command = [place / "bin" / "verilator_bin", "--lint-only", "-DDERMIS_MACRO", "--top-module", WRAPPER.stem]
+    command += [core, HARDEN / "dermis_analog_front_end.v", WRAPPER]
 
-    def messages(*defines: str) -> list[str]:
-        environment = {**os.environ, "VERILATOR_ROOT": str(place)}
-        done = subprocess.run(
-            [*command, *defines, *files], env=environment, capture_output=True, text=True, timeout=60
-        )
-        return (
-            re.findall(r"^%Warning-(\w+): .*'(\w+)'", done.stderr, re.MULTILINE) or done.stderr.splitlines()
-        )
+    def messages(*defines: str) -> list[tuple[str, str]]:
+        said = output_of([*command, *defines], 60.0, ROOT, {"VERILATOR_ROOT": str(place)})[1]
+        return re.findall(r"^%(?!Error: Exiting)(?:Warning-(\w+): .*'(\w+)')?", said, re.MULTILINE)
 
     assert messages("-DUSE_POWER_PINS") == []
     assert messages() == [("PINMISSING", "vccd1"), ("PINMISSING", "vssd1")]

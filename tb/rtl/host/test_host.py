@@ -40,15 +40,8 @@ def driver(request: pytest.FixtureRequest) -> dict[str, str]:
 def drive(
     driver: dict[str, str], trap: Path | None = None, parameters: dict[str, int] = SMALL, **scenario: Any
 ) -> dict[str, Any]:
-    got = simulate(
-        "icarus",
-        "bench_host",
-        "dermis_top",
-        "drives",
-        parameters,
-        {"parameters": parameters} | driver | scenario,
-        trap=trap,
-    )
+    asked = {"parameters": parameters} | driver | scenario
+    got = simulate("icarus", "bench_host", "dermis_top", "drives", parameters, asked, trap=trap)
     assert got["held"], "chip select rose inside a transaction"
     assert got["largest"] <= 7
     return got
@@ -122,9 +115,6 @@ def test_the_driver_in_c_does_not_write_past_its_buffer(library: str) -> None:
     assert drive({"library": library}, room=FRAME_BYTES - 1)["error"] == "BAD_LENGTH"
 
 
-# --- Linux ----------------------------------------------------------------------------------------
-
-
 class Kernel:
     """ioctl of a spidev port: at most 4096 bytes a message, chip select high after one without cs_change."""
 
@@ -145,12 +135,9 @@ class Kernel:
         sent = ctypes.string_at(tx, length)
         if not self.low:
             self.falls += 1
-            answer = {
-                spi.OP_READ: spi.read_command(7) + b"\0\2",
-                spi.OP_FRAME: len(self.frame).to_bytes(2, "big") + self.frame,
-            }[sent[0]]
+            answer = len(self.frame).to_bytes(2, "big") + self.frame
             if sent[0] == spi.OP_READ:
-                answer = answer[2:] + bytes((spi.crc8(answer),))
+                answer = b"\0\2" + bytes((spi.crc8(spi.read_command(7) + b"\0\2"),))
             self.left = bytes(len(sent)) + b"\0\xa5" + answer
         back, self.left = self.left[:length], self.left[length:]
         ctypes.memmove(rx, back + bytes(length - len(back)), length)
@@ -193,9 +180,7 @@ def test_the_message_is_that_of_the_kernel(tmp_path: Path) -> None:
     }"""
     (tmp_path / "spi.c").write_text(text)
     subprocess.run(["gcc", "-o", "spi", "spi.c"], cwd=tmp_path, check=True, timeout=60)
-    said = subprocess.run(
-        ["./spi"], cwd=tmp_path, check=True, timeout=60, capture_output=True, text=True
-    ).stdout
+    said = subprocess.check_output(["./spi"], cwd=tmp_path, timeout=60, text=True)
     assert [int(word) for word in said.split()] == [Spidev.MODE, Spidev.MESSAGE, 32, 16, 20, 26, 27]
 
 

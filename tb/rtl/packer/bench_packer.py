@@ -22,7 +22,7 @@ async def rows(dut: Any) -> None:
     s = scenario()
     code_bits = len(dut.count_i) - 1
     await reset(dut, ("row_valid_i", "count_i", "pedestal_i", "pedestal_mode_i", *ROW_PORTS))
-    frames, columns, busy, numbers, underflows = [], [], [], [], []
+    frames, columns, busy, numbers, underflows = ([] for _ in range(5))
     frame: list[int] | None = None
     for row in s["rows"]:
         for port in ROW_PORTS:
@@ -47,12 +47,8 @@ async def rows(dut: Any) -> None:
                 underflows.append(int(dut.underflow_o.value))
                 frame = None
             if int(dut.column_valid_o.value):
-                columns.append(
-                    [
-                        int(port.value)
-                        for port in (dut.column_slot_o, dut.column_o, dut.column_count_o, dut.count_shift_o)
-                    ]
-                )
+                shown = dut.column_slot_o, dut.column_o, dut.column_count_o, dut.count_shift_o
+                columns.append([int(port.value) for port in shown])
                 counts = counts[1:]
             clocks += int(dut.busy_o.value)
             started = int(dut.row_valid_i.value)
@@ -64,13 +60,5 @@ async def rows(dut: Any) -> None:
                 break
         busy.append(clocks)
         numbers.append(int(dut.frame_number_o.value))
-    report(
-        {
-            "frames": frames,
-            "columns": columns,
-            "busy": busy,
-            "numbers": numbers,
-            "underflows": underflows,
-            "open": frame is not None,
-        }
-    )
+    lists = {"frames": frames, "columns": columns, "busy": busy, "numbers": numbers, "underflows": underflows}
+    report(lists | {"open": frame is not None})

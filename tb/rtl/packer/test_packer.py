@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import random
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +29,10 @@ def crc16(data: list[int]) -> int:
     return crc
 
 
-def pack(rows: list[Row], cols: int, code_bits: int) -> list[list[int]]:
-    """Frames of bytes."""
+def pack(rows: list[Row], cols: int, code_bits: int) -> tuple[list[list[int]], list[int]]:
+    """Return the bytes of each frame, and for each frame 1 if a count of a row is below its pedestal."""
     frames: list[list[int]] = []
+    below: list[int] = []
     data: list[int] = []
     full = 2**code_bits - 1
     dark = [0] * cols
@@ -41,17 +43,13 @@ def pack(rows: list[Row], cols: int, code_bits: int) -> list[list[int]]:
             mode = row.get("pedestal_mode_i", 0) % 3
             flags = row.get("fault_i", 0) << 4 | row.get("dark_frame_i", 0) << 3 | mode << 1
             flags |= row.get("test_frame_i", 0)
-            data = [
-                1,
-                flags,
-                *number.to_bytes(2, "big"),
-                cols,
-                code_bits,
-                *row["gate_clocks_i"].to_bytes(2, "big"),
-            ]
+            gate = row["gate_clocks_i"].to_bytes(2, "big")
+            data = [1, flags, *number.to_bytes(2, "big"), cols, code_bits, *gate]
+            below.append(0)
         pedestals = [[0] * cols, row.get("pedestals"), dark][mode if row["slot_i"] < 0xF0 else 0]
-        net = [max(n - p, 0) for n, p in zip(row["counts"], pedestals, strict=True)]
-        codes = [min(n, full) for n in net]
+        net = [n - p for n, p in zip(row["counts"], pedestals, strict=True)]
+        below[-1] |= min(net) < 0
+        codes = [min(max(n, 0), full) for n in net]
         over = sum((n > full) << c for c, n in enumerate(net))
         data.append(row["slot_i"])
         for code in codes:
@@ -61,22 +59,7 @@ def pack(rows: list[Row], cols: int, code_bits: int) -> list[list[int]]:
             dark = codes
         if row["last_i"]:
             frames.append([*data, *crc16(data).to_bytes(2, "big")])
-    return frames
-
-
-def underflows(rows: list[Row], cols: int, code_bits: int) -> list[int]:
-    """Of each frame, 1 if a count of a row is below its pedestal."""
-    found: list[int] = []
-    dark = [0] * cols
-    for row in rows:
-        if row["first_i"]:
-            found.append(0)
-        mode = row.get("pedestal_mode_i", 0) % 3 if row["slot_i"] < 0xF0 else 0
-        pedestals = [[0] * cols, row.get("pedestals"), dark][mode]
-        found[-1] |= any(n < p for n, p in zip(row["counts"], pedestals, strict=True))
-        if row["slot_i"] == DARK:
-            dark = [min(n, 2**code_bits - 1) for n in row["counts"]]
-    return found
+    return frames, below
 
 
 def random_rows(cols: int, code_bits: int, frames: int, seed: int) -> list[Row]:
@@ -98,16 +81,11 @@ def random_rows(cols: int, code_bits: int, frames: int, seed: int) -> list[Row]:
             "pedestal_mode_i": rng.randint(0, 3),
         }
         for n, slot in enumerate(slots):
+            place = {"slot_i": slot, "first_i": int(n == 0), "last_i": int(n == len(slots) - 1)}
+            pedestals = [rng.choice([0, 1, full, rng.randint(0, full)]) for _ in range(cols)]
+            counts = [count() for _ in range(cols)]
             rows.append(
-                common
-                | {
-                    "slot_i": slot,
-                    "first_i": int(n == 0),
-                    "last_i": int(n == len(slots) - 1),
-                    "fault_i": rng.randint(0, 1),
-                    "pedestals": [rng.choice([0, 1, full, rng.randint(0, full)]) for _ in range(cols)],
-                    "counts": [count() for _ in range(cols)],
-                }
+                {**common, **place, "fault_i": rng.randint(0, 1), "pedestals": pedestals, "counts": counts}
             )
     return rows
 
@@ -125,10 +103,9 @@ def test_the_reference_has_the_published_check_value_of_its_crc() -> None:
 def test_random_frames_have_the_bytes_of_the_reference(simulator: str, cols: int, code_bits: int) -> None:
     rows = random_rows(cols, code_bits, 40, seed=11)
     result = run(simulator, rows, cols, code_bits)
-    wanted = pack(rows, cols, code_bits)
+    wanted, below = pack(rows, cols, code_bits)
     assert len(wanted) == 40
-    assert result["frames"] == wanted
-    assert result["underflows"] == underflows(rows, cols, code_bits)
+    assert (result["frames"], result["underflows"]) == (wanted, below)
     assert not result["open"]
     # As they are taken, columns are shown raw and in order.
     shown = [[row["slot_i"], c, n, 1] for row in rows for c, n in enumerate(row["counts"])]
@@ -137,16 +114,7 @@ def test_random_frames_have_the_bytes_of_the_reference(simulator: str, cols: int
     wide = 2 if code_bits > 8 else 1
     body = 1 + cols * wide + (cols + 7) // 8
     assert result["busy"] == [8 * r["first_i"] + body + 2 * r["last_i"] for r in rows]
-    assert result["numbers"] == [n + 1 for n, frame in enumerate(frames_of(rows)) for _ in frame]
-
-
-def frames_of(rows: list[Row]) -> list[list[Row]]:
-    frames: list[list[Row]] = []
-    for row in rows:
-        if row["first_i"]:
-            frames.append([])
-        frames[-1].append(row)
-    return frames
+    assert result["numbers"] == list(accumulate(row["first_i"] for row in rows))
 
 
 def row_of(slot: int, counts: list[int], first: int, last: int, mode: int = 0) -> Row:
@@ -155,9 +123,7 @@ def row_of(slot: int, counts: list[int], first: int, last: int, mode: int = 0) -
 
 
 def test_pedestals_and_a_frame_that_is_cut(simulator: str) -> None:
-    """The last dark slot is the pedestal of rows, not of special slots; mode 3 is none; a cut frame
-    never ends, and the next is whole.
-    """
+    """The last dark slot is the pedestal of rows; mode 3 has none; a cut frame never ends, and the next is whole."""
     rows = [
         row_of(DARK, [3, 300, 0], 1, 0, 2),
         row_of(7, [10, 400, 5], 0, 1, 2),
@@ -215,4 +181,4 @@ def test_the_reference_finds_a_seeded_fault(fault: str, tmp_path: Path) -> None:
         result = run("icarus", rows, 5, 10, trap=wrong)
     except AssertionError:
         return
-    assert (result["frames"], result["underflows"]) != (pack(rows, 5, 10), underflows(rows, 5, 10))
+    assert (result["frames"], result["underflows"]) != pack(rows, 5, 10)

@@ -22,14 +22,8 @@ from tb.reference.chip import SHORT, Duty, count, duty_of_resistance, ones
 pytestmark = pytest.mark.timeout(120)
 
 HEADER = header_values()
-DEFAULT = {
-    "ROWS": HEADER["DERMIS_ROWS"],
-    "COLS": HEADER["DERMIS_COLS"],
-    "CODE_BITS": HEADER["DERMIS_CODE_BITS"],
-    "BREAK_CLOCKS": HEADER["DERMIS_BREAK_CLOCKS"],
-    "gate": HEADER["DERMIS_GATE_CLOCKS"],
-    "settle": HEADER["DERMIS_SETTLE_CLOCKS"],
-}
+DEFAULT = {name: HEADER[f"DERMIS_{name}"] for name in ("ROWS", "COLS", "CODE_BITS", "BREAK_CLOCKS")}
+DEFAULT |= {name: HEADER[f"DERMIS_{name.upper()}_CLOCKS"] for name in ("gate", "settle")}
 SYNCHRONIZERS = pytest.mark.parametrize("sync_latch", [0, 1], ids=["sync_ff", "sync_latch"])
 INJECT, DARK, FULL_EVEN, FULL_ODD = 0xF0, 0xF1, 0xF2, 0xF3
 
@@ -113,14 +107,8 @@ SHAPES: dict[str, dict[str, int]] = {
     "8x8": {"ROWS": 8, "COLS": 8, "SYNC_LATCH": 1},
     "16x1": {"ROWS": 16, "COLS": 1, "gate": 126, "settle": 30},
     "1x1": {"ROWS": 1, "COLS": 1, "CODE_BITS": 1, "SYNC_LATCH": 1},
-    "3x4_10bit_2046_break_of_5": {
-        "ROWS": 3,
-        "COLS": 4,
-        "CODE_BITS": 10,
-        "BREAK_CLOCKS": 5,
-        "gate": 2046,
-        "settle": 30,
-    },
+    "3x4_10bit_2046_break_of_5": {"ROWS": 3, "COLS": 4, "CODE_BITS": 10, "BREAK_CLOCKS": 5}
+    | {"gate": 2046, "settle": 30},
     "64x64_10bit": {"ROWS": 64, "COLS": 64, "CODE_BITS": 10, "SYNC_LATCH": 1, "gate": 62, "settle": 5},
     "small": SMALL,
 }
@@ -138,7 +126,10 @@ def reads_every_row(simulator: str, shape: dict[str, int], slots: int, **scenari
     last = p["ROWS"] - 1
     for s, slot in enumerate(result["slots"]):
         row = s % p["ROWS"]
-        seen = [slot[key] for key in ("slot", "first", "last", "test", "dark", "gate", "row_fault")]
+        seen = [
+            slot[key]
+            for key in ("slot", "first", "last", "test_frame", "dark_frame", "gate_clocks", "row_fault")
+        ]
         assert seen == [row, row == 0, row == last, 0, 0, p["gate"], 0]
 
 
@@ -190,13 +181,8 @@ def test_every_sample_of_the_gate_counts_and_no_other(simulator: str, sync_latch
     # With x = 1/1000 the only one comes at sample n when the preset is -n/1000.
     preset = [(-1, 1000), (-30, 1000), (-31, 1000), (0, 1), (-15, 1000)]
     x = [[(1, 1000)] * 5] * 3
-    assert [ones(x[0][0], 30, w).index(1) if any(ones(x[0][0], 30, w)) else None for w in preset] == [
-        0,
-        29,
-        None,
-        0,
-        14,
-    ]
+    gates = [ones(x[0][0], 30, w) for w in preset]
+    assert [gate.index(1) if any(gate) else None for gate in gates] == [0, 29, None, 0, 14]
     result = read(simulator, x, p, slots=3, w_preset=preset)
     assert counts(result) == [[1, 1, 0, 1, 1]] * 3
 
@@ -218,7 +204,7 @@ def test_a_self_test_frame_injects_the_same_pulses_everywhere(
         q = int(level and not q)
         total += q
     assert [s["slot"] for s in result["slots"]] == [INJECT, DARK, FULL_EVEN, FULL_ODD, 0, 1, 2]
-    assert all(s["test"] and s["dark"] for s in result["slots"])
+    assert all(s["test_frame"] and s["dark_frame"] for s in result["slots"])
     half = 30  # full scale is x = 1/2
     wanted = [[total] * 5, [0] * 5, [half, 0] * 2 + [half], [0, half] * 2 + [0], *expected(x, DEFAULT | p)]
     assert counts(result) == wanted
@@ -233,7 +219,7 @@ def test_settings_change_with_the_next_frame_and_not_within_one(simulator: str) 
     result = read(simulator, x, p, slots=9, changes=[[1, changed]])
     slots = result["slots"]
     assert [s["slot"] for s in slots] == [0, 1, 2, DARK, 0, 2, DARK, 0, 2]
-    assert [s["gate"] for s in slots] == [40] * 3 + [50] * 6
+    assert [s["gate_clocks"] for s in slots] == [40] * 3 + [50] * 6
     assert [s["range"] for s in slots][:2] == [0, 0]
     assert [s["range"] for s in slots][3:] == [0b1001] * 6
     assert counts(result)[:3] == [[count(d, 40, 9) for d in row] for row in x]
@@ -245,11 +231,8 @@ def test_settings_change_with_the_next_frame_and_not_within_one(simulator: str) 
 @SYNCHRONIZERS
 def test_power_up_and_reset_leave_no_row_driven_and_preset_on(simulator: str, sync_latch: int) -> None:
     p = SMALL | {"SYNC_LATCH": sync_latch}
-    played = {
-        "x": [[SHORT] * 5] * 3,
-        "into_slot": 7,
-        "settings": {"gate_i": 40, "settle_i": 3, "range_i": 0x3FF},
-    }
+    settings = {"gate_i": 40, "settle_i": 3, "range_i": 0x3FF}
+    played = {"x": [[SHORT] * 5] * 3, "into_slot": 7, "settings": settings}
     seen = simulate(simulator, "bench_reader", "dermis_reader", "power_up", p, played)
     assert len(seen) == 15
     for what, *outputs in seen:
@@ -267,8 +250,6 @@ def test_a_gate_that_waits_for_packing_is_the_one_that_a_plan_is_refused_for(tmp
     top.write_text("\n".join([*lines, "initial $finish;", "endmodule", ""]))
     command = ["iverilog", "-g2005", "-s", "sizes", "-o", str(out), *(f"-I{d}" for d in rtl_include_dirs())]
     subprocess.run([*command, *map(str, rtl_sources()), str(top)], check=True, timeout=60)
-    said = subprocess.run(
-        ["vvp", "-n", str(out)], check=True, timeout=60, capture_output=True, text=True
-    ).stdout
+    said = subprocess.check_output(["vvp", "-n", str(out)], timeout=60, text=True)
     wanted = [slot_bytes(cols, bits) + PACK_MARGIN_CLOCKS for cols, bits in sizes]
     assert [int(line) for line in said.split()] == wanted

@@ -11,22 +11,21 @@ from rtl_run import changed, simulate
 
 pytestmark = pytest.mark.timeout(120)
 
-CHAIN = Path(__file__).resolve().parent / "self_test_chain.v"
 ROWS, COLS = 4, 5
-SETTINGS = {"gate_i": 62, "dark_max_i": 2, "full_min_i": 28}  # full scale is 31
+PARAMETERS = {"ROWS": ROWS, "COLS": COLS, "CODE_BITS": 8, "GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
 NO_SENSOR = [[(0, 1)] * COLS] * ROWS
 
 # fault: what is found
 FAULTS: list[tuple[dict[str, Any], dict[str, list[int]]]] = [
     ({}, {}),
-    ({"comparators_high": [3]}, {"dark": [3]}),
-    ({"comparators_low": [2]}, {"full": [2]}),
-    ({"open_columns": [4]}, {"full": [4]}),
+    *(({"rows_low": [row]}, {"row": [row]}) for row in range(ROWS)),
+    *(({"comparators_high": [column]}, {"dark": [column]}) for column in range(COLS)),
+    *(({"comparators_low": [column]}, {"full": [column]}) for column in range(COLS)),
     ({"open_columns": [0, 1]}, {"full": [0, 1]}),
+    ({"open_columns": [4]}, {"full": [4]}),
     ({"shorted_columns": [[1, 2]]}, {"dark": [1, 2], "full": [1, 2]}),
     ({"shorted_columns": [[0, 3]]}, {"dark": [0, 3], "full": [0, 3]}),
     ({"rows_high": [2]}, {"row": [2]}),
-    ({"rows_low": [0]}, {"row": [0]}),
     ({"rows_low": [1, 3]}, {"row": [1, 3]}),
     ({"shorted_rows": [[0, 3]]}, {"row": [0, 3]}),
     ({"rows_low": [1], "comparators_high": [0]}, {"row": [1], "dark": [0]}),
@@ -35,21 +34,25 @@ FAULTS: list[tuple[dict[str, Any], dict[str, list[int]]]] = [
 ]
 
 
-def self_test(simulator: str, x: Any, faults: list[Any], trap: Path | None = None) -> Any:
-    scenario = {"x": x, "faults": faults, "settings": SETTINGS, "limit": (ROWS + 4) * 68 + 60}
-    return simulate(
-        simulator, "bench_self_test", "self_test_chain", "faults", {}, scenario, trap=trap, around=[CHAIN]
-    )
+def self_test(
+    simulator: str,
+    faults: list[Any],
+    x: Any = NO_SENSOR,
+    rates: tuple[int, ...] = (),
+    trap: Path | None = None,
+) -> Any:
+    scenario = {"parameters": PARAMETERS, "x": x, "faults": faults, "rates": rates}
+    return simulate(simulator, "bench_top", "dermis_top", "self_test", PARAMETERS, scenario, trap=trap)
 
 
 def test_each_fault_is_found_and_named_without_a_sensor(simulator: str) -> None:
-    found = self_test(simulator, NO_SENSOR, [fault for fault, _ in FAULTS])
+    rates = (0x7FFF, 0x0001, 0x2AAB, 0x1555)
+    found = self_test(simulator, [fault for fault, _ in FAULTS], rates=rates)
     for (fault, wanted), seen in zip(FAULTS, found, strict=True):
         assert seen == wanted, fault
-    # A pressed row that stays on lights every column in the dark slot, and in the full slots those
-    # without current.
+    # A pressed row that stays on lights all columns in the dark slot, in full slots those without current.
     pressed = [[(1, 2)] * COLS] * ROWS
-    assert self_test(simulator, pressed, [{"rows_high": [2]}]) == [{"row": [2], "dark": [0, 1, 2, 3, 4]}]
+    assert self_test(simulator, [{"rows_high": [2]}], pressed) == [{"row": [2], "dark": [0, 1, 2, 3, 4]}]
 
 
 BROKEN = {
@@ -83,5 +86,4 @@ def test_a_broken_counter_is_named(how: str, tmp_path: Path) -> None:
         "    else {clocks_q, late_q} <= {clocks_q + 2'd1, gate_count};\n  genvar c;\n",
     )
     wrong = changed(tmp_path, "dermis_reader", (old, new), flops)
-    [found] = self_test("icarus", NO_SENSOR, [{}], trap=wrong)
-    assert found == wanted
+    assert self_test("icarus", [{}], trap=wrong) == [wanted]

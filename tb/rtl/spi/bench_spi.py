@@ -96,11 +96,11 @@ async def commands(dut: Any) -> None:
         other.delay_ps = rng.choice((1, PERIOD_PS, 5 * PERIOD_PS, 30 * PERIOD_PS))
         address, value = rng.randrange(0xF0), rng.getrandbits(16)
         before = len(other.accesses)
-        waits = await host.run(spi.write_register(address, value))
+        waits = await host.write(address, value)
         assert other.accesses[before:] == [(1, address, value)]
         # The acknowledge is sampled by the third edge after it, and used at the end of that byte.
         assert waits == -(-(other.delay_ps // PERIOD_PS + 3) // 8), (waits, other.delay_ps)
-        assert await host.run(spi.read_register(address)) == value
+        assert await host.read(address) == value
         assert int(dut.cipo_oe_o.value) == 0
         # Refused by the registers, and by the CRC.
         for make, error in (
@@ -167,4 +167,4 @@ async def bits_and_resets(dut: Any) -> None:
         await host.deselect()
         await Timer(2 * PERIOD_PS, "ps")
         assert len(other.accesses) == before
-        assert await host.run(spi.write_register(0x21, 2)) >= 1
+        assert await host.write(0x21, 2) >= 1

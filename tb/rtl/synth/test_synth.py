@@ -148,9 +148,6 @@ def test_the_memory_can_stay_a_black_box_and_the_hierarchy_be_kept(tmp_path: Pat
     assert top["area_um2"] == split.area_um2 > memory["area_um2"]
 
 
-# ---- equivalence ------------------------------------------------------------------------------------------------
-
-
 @needs_osu035
 @pytest.mark.parametrize(
     ("module", "faults"),
@@ -182,10 +179,8 @@ def test_a_netlist_is_proved_equal_and_a_changed_one_is_not(
 def test_an_undecided_proof_is_an_error_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(synth, "prove", lambda *a, **k: Proof(None, 1, 0, 1, "Networks are UNDECIDED"))
     netlist = Netlist(OSU035, tmp_path, tmp_path / "n.v", tmp_path / "n.json")
-    assert [row["status"] for row in synth.equivalence_rows(OSU035, netlist, SIZE, "x")] == ["ERROR"]
+    assert [row["status"] for row in synth.equivalence_rows(netlist, SIZE, "x")] == ["ERROR"]
 
-
-# ---- timing -----------------------------------------------------------------------------------------------------
 
 PATH_TEXT = """\
 Startpoint: a_reg (rising edge-triggered flip-flop clocked by clk)
@@ -221,7 +216,7 @@ def test_a_report_without_all_paths_is_an_error_and_no_pass(
     monkeypatch.setattr(synth_timing, "tool", lambda *names: str(program))
     netlist = Netlist(OSU035, tmp_path, tmp_path / "n.v", tmp_path / "n.json")
     rows: list[verdict.Row] = []
-    synth.attempt(rows, "synth.timing.x", lambda: synth.timing_rows(OSU035, netlist, "x"))
+    synth.attempt(rows, "synth.timing.x", lambda: synth.timing_rows(netlist, "x"))
     assert [row["status"] for row in rows] == ["ERROR"]
 
 
@@ -291,13 +286,10 @@ def test_a_netlist_is_mapped_again_if_its_inputs_or_its_files_change(
     assert mapped()
 
 
-# ---- libraries --------------------------------------------------------------------------------------------------
-
-
 @needs_osu035
 def test_cells_not_to_use_are_gone_from_the_mapping_library(tmp_path: Path) -> None:
     full = cells(OSU035.liberty("typical"))
-    left = cells(mapping_liberty(OSU035, OSU035.liberty("typical"), tmp_path / "map.lib"))
+    left = cells(mapping_liberty(OSU035, tmp_path / "map.lib"))
     assert {"PADINC", "TBUFX1", "LATCH"} <= full.keys() - left.keys()
     assert (left["DFFSR"].flop, left["DFFSR"].asynchronous) == (True, {"R", "S"})
     assert left["NAND2X1"].inputs == {"A", "B"}

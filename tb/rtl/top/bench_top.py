@@ -13,7 +13,7 @@ from cocotb.triggers import RisingEdge, Timer, ValueChange
 from cocotb.utils import get_sim_time
 from rtl_bench import report, scenario
 from spi_client import Pins
-from top_bench import CLOCK_PS, Chip, RegisterModel, reset_values
+from top_bench import CLOCK_PS, Chip, Levels, RegisterModel, reset_values
 
 from dermis.chip import register_map as rm
 from dermis.chip import spi_protocol as spi
@@ -34,6 +34,19 @@ def own_pattern(frame: int, row: int) -> int:
     return (frame * 0x9E3779B1 ^ (row + 1) * 0x85EBCA6B) >> 7
 
 
+async def start(
+    dut: Any, levels: Levels = own_pattern, ratio: int = 1, enable: bool = True
+) -> tuple[dict[str, Any], Chip, Pins]:
+    """Power up; return the scenario, the chip, with charge balance if there is an x, and a host with SCK at
+    `ratio` times clk.
+    """
+    s = scenario()
+    chip = Chip(dut, s["parameters"], levels, s.get("x"))
+    host = Pins(dut, chip.clock_ps // ratio)
+    await chip.reset(enable)
+    return s, chip, host
+
+
 async def wait_ready(chip: Chip, limit_clocks: float) -> None:
     """Wait for a new frame."""
     for _ in range(int(limit_clocks / 2)):
@@ -52,24 +65,20 @@ def same(frame: bytes, expected: spi.Frame) -> None:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def client(dut: Any) -> None:
     """Identity, every register and frames of charge-balance columns."""
-    s = scenario()
-    p, gate = s["parameters"], s["gate"]
-    chip = Chip(dut, p, x=s["x"])
-    host = Pins(dut, round(1e12 / s["sck_hz"]))
-    await chip.reset(enable=False)
-
+    s, chip, host = await start(dut, enable=False)
+    p, gate, host.period_ps = s["parameters"], s["gate"], round(1e12 / s["sck_hz"])
     for address, value in (
         (rm.ID, 0xDE01),
         (rm.GEOMETRY, p["ROWS"] << 8 | p["COLS"]),
         (rm.FORMAT, 1 << 9 | p.get("SYNC_LATCH", 0) << 8 | chip.code_bits),
     ):
-        assert await host.run(spi.read_register(address)) == value
-    await host.run(spi.write_register(rm.GATE, gate))
-    await host.run(spi.write_register(rm.SETTLE, 6))
+        assert await host.read(address) == value
+    await host.write(rm.GATE, gate)
+    await host.write(rm.SETTLE, 6)
     dut.enable_i.value = 1
     for number in range(1, s["frames"] + 1):
         await wait_ready(chip, 2 * p["ROWS"] * (gate + 6) + 200)
-        data = await host.run(spi.read_frame_bytes())
+        data = await host.frame_bytes()
         same(data, chip.expected(number, gate))
         frame = spi.parse_frame(data)
     report({"codes": frame.codes.tolist(), "overflow": frame.overflow.tolist()})
@@ -78,18 +87,13 @@ async def client(dut: Any) -> None:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def configuration(dut: Any) -> None:
     """Settle, gate, mask, dark slot, pedestals, range, single shot: times measured, codes exact."""
-    p = scenario()["parameters"]
-    chip = Chip(dut, p, levels=own_pattern)
-    host = Pins(dut, chip.clock_ps)
-    rows, cols, gate, settle = chip.rows, chip.cols, p["GATE_CLOCKS"], p["SETTLE_CLOCKS"]
-
-    async def write(address: int, value: int) -> None:
-        await host.run(spi.write_register(address, value))
+    s, chip, host = await start(dut)
+    rows, cols = chip.rows, chip.cols
+    gate, settle = (s["parameters"][name] for name in ("GATE_CLOCKS", "SETTLE_CLOCKS"))
 
     async def frame_clocks() -> float:
         """Return the clocks from frame to frame, of the second frame from now."""
-        await RisingEdge(dut.frame_start_o)
-        await RisingEdge(dut.frame_start_o)
+        await chip.starts(2)
         begun = get_sim_time("ps")
         await RisingEdge(dut.frame_start_o)
         return (get_sim_time("ps") - begun) / chip.clock_ps
@@ -99,12 +103,11 @@ async def configuration(dut: Any) -> None:
         number = chip.frame + 1
         while True:
             await wait_ready(chip, 4000)
-            data = await host.run(spi.read_frame_bytes())
+            data = await host.frame_bytes()
             if (got := spi.parse_frame(data).number) >= number:
                 same(data, chip.expected(got, **expected))
                 return
 
-    await chip.reset()
     two, pedestals = {"gate": 50, "row_mask": 0b0101}, [3 * c for c in range(cols)]
     # Break and two clocks are the shortest settle; a gate of 600 passes full scale.
     for writes, clocks, holds in (
@@ -129,7 +132,7 @@ async def configuration(dut: Any) -> None:
         ([(rm.CONTROL, CONTINUOUS), (rm.GATE, 600)], 2 * 603, two | {"gate": 600}),
     ):
         for address, value in writes:
-            await write(address, value)
+            await host.write(address, value)
         assert await frame_clocks() == clocks
         await frame(**holds)
 
@@ -143,26 +146,26 @@ async def configuration(dut: Any) -> None:
         ([(address, 0) for address, _ in each], 0),
     ):
         for address, value in writes:
-            await write(address, value)
+            await host.write(address, value)
         await frame_clocks()
         assert int(dut.range_o.value) == pins
 
     # Single shots: one frame each, and none by itself.
-    await write(rm.CONTROL, 0)
-    await write(rm.ROW_MASK, (1 << rows) - 1)
+    await host.write(rm.CONTROL, 0)
+    await host.write(rm.ROW_MASK, (1 << rows) - 1)
     await chip.clocks(rows * 60 + 200)
-    await host.run(spi.read_frame_bytes())
+    await host.frame_bytes()
     begun = chip.frame
     await chip.clocks(rows * 100)
     assert chip.frame == begun
     assert not int(dut.frame_ready_o.value)
     for _ in range(2):
-        await write(rm.CONTROL, SHOT)
+        await host.write(rm.CONTROL, SHOT)
         await wait_ready(chip, rows * 60 + 100)
         begun += 1
-        assert (chip.frame, await host.run(spi.read_register(rm.FRAME_NUMBER))) == (begun, begun)
-        same(await host.run(spi.read_frame_bytes()), chip.expected(begun, gate=50))
-        assert not await host.run(spi.read_register(rm.STATUS)) & READY
+        assert (chip.frame, await host.read(rm.FRAME_NUMBER)) == (begun, begun)
+        same(await host.frame_bytes(), chip.expected(begun, gate=50))
+        assert not await host.read(rm.STATUS) & READY
         await chip.clocks(rows * 100)
         assert chip.frame == begun
     report("done")
@@ -171,79 +174,64 @@ async def configuration(dut: Any) -> None:
 async def shot(chip: Chip, host: Pins, control: int) -> spi.Frame:
     """One frame, read when it is there."""
     if int(chip.dut.frame_ready_o.value):
-        await host.run(spi.read_frame())
-    await host.run(spi.write_register(rm.CONTROL, control))
+        await host.frame()
+    await host.write(rm.CONTROL, control)
     if not int(chip.dut.frame_ready_o.value):
         await RisingEdge(chip.dut.frame_ready_o)
-    return await host.run(spi.read_frame())
+    return await host.frame()
 
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def self_test(dut: Any) -> None:
-    """Each row and column broken by itself is found by its own bit, and forgotten by the next
-    self-test; the injected pulses are the rate times the gate.
-    """
-    p = scenario()["parameters"]
-    chip = Chip(dut, p)
-    host = Pins(dut, chip.clock_ps)
-    await chip.reset()
-    await host.run(spi.write_register(rm.CONTROL, 0))
-    await host.run(spi.write_register(rm.FULL_MIN, p["GATE_CLOCKS"] // 2 - 1))
-    await chip.clocks(2 * p["ROWS"] * (p["GATE_CLOCKS"] + p["SETTLE_CLOCKS"]))
+    """Report the faults that a self-test finds in each faulty array; check its injected pulses at each rate."""
+    s, chip, host = await start(dut, ratio=8)
+    # Full scale is 31.
+    for address, value in ((rm.CONTROL, 0), (rm.GATE, 62), (rm.DARK_MAX, 2), (rm.FULL_MIN, 28)):
+        await host.write(address, value)
+    await chip.clocks(2 * chip.rows * (s["parameters"]["GATE_CLOCKS"] + s["parameters"]["SETTLE_CLOCKS"]))
 
-    async def faults(**broken: int) -> tuple[int, ...]:
-        """Masks of rows, injected pulses, dark and full columns."""
-        chip.broken_rows = chip.stuck_high = chip.stuck_low = 0
-        for name, lines in broken.items():
-            setattr(chip, name, lines)
+    async def found(**faults: list[Any]) -> dict[str, list[int]]:
+        chip.set_faults(**faults)
         frame = await shot(chip, host, TEST)
         assert frame.test
         assert frame.slots[:4] == spi.SPECIAL_SLOTS
-        count = await host.run(spi.read_register(rm.TEST_COUNT))
-        assert (frame.slot(spi.SLOT_INJECT) == min(count, 255)).all()
-        names = (rm.ROW_FAULT, rm.INJECT_FAULT, rm.DARK_FAULT, rm.FULL_FAULT)
-        found = tuple([await host.run(spi.read_register(name)) for name in names])
-        assert await host.run(spi.read_register(rm.STATUS)) & (TEST_DONE | FAULT) == (
-            TEST_DONE | FAULT * any(found)
-        )
-        return found
+        masks = {
+            n: await host.read(getattr(rm, f"{n.upper()}_FAULT")) for n in ("row", "inject", "dark", "full")
+        }
+        assert await host.read(rm.STATUS) & (TEST_DONE | FAULT) == TEST_DONE | FAULT * any(masks.values())
+        injected = min(await host.read(rm.TEST_COUNT), 255)
+        assert masks["inject"] == sum((n != injected) << c for c, n in enumerate(frame.slot(spi.SLOT_INJECT)))
+        return {n: [k for k in range(16) if mask >> k & 1] for n, mask in masks.items() if mask}
 
-    assert await faults() == (0, 0, 0, 0)
-    for row in range(chip.rows):
-        assert await faults(broken_rows=1 << row) == (1 << row, 0, 0, 0)
-    for column in range(chip.cols):
-        assert await faults(stuck_high=1 << column) == (0, 0, 1 << column, 0)
-        assert await faults(stuck_low=1 << column) == (0, 0, 0, 1 << column)
-    gate, counts = 1000, []
-    await host.run(spi.write_register(rm.GATE, gate))
-    for rate in (0x7FFF, 0x0001, 0x2AAB, 0x1555):
-        await host.run(spi.write_register(rm.TEST_RATE, rate))
-        assert await faults() == (0, 0, 0, 0)
-        counts.append(await host.run(spi.read_register(rm.TEST_COUNT)))
+    seen = [await found(**faults) for faults in s["faults"]]
+    gate = 1000
+    await host.write(rm.GATE, gate)
+    for rate in s["rates"]:
+        await host.write(rm.TEST_RATE, rate)
+        assert await found() == {}
         # A pulse either way, and half of one for the clocks on the way in.
-        assert abs(counts[-1] - rate * gate / 65536) <= 1.5, rate
-    report(counts)
+        assert abs(await host.read(rm.TEST_COUNT) - rate * gate / 65536) <= 1.5, rate
+    report(seen)
 
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def lengths(dut: Any) -> None:
     """The longest and the shortest slots, each row by itself, and enable falling in the middle of a slot."""
-    chip = Chip(dut, scenario()["parameters"], levels=lambda _frame, _row: -1)
-    host, longest = Pins(dut, chip.clock_ps), scenario()["longest"]
-    await chip.reset()
-    await host.run(spi.write_register(rm.CONTROL, 0))
+    s, chip, host = await start(dut, levels=lambda _frame, _row: -1)
+    longest = s["longest"]
+    await host.write(rm.CONTROL, 0)
     await chip.clocks(2 * chip.rows * 70)
     each = [(6, 60, 1 << row) for row in range(chip.rows)]
     for settle, gate, mask in ((longest, longest, 0b10), (0, 0, (1 << chip.rows) - 1), *each):
         for address, value in ((rm.SETTLE, settle), (rm.GATE, gate), (rm.ROW_MASK, mask)):
-            await host.run(spi.write_register(address, value))
+            await host.write(address, value)
         frame = await shot(chip, host, SHOT)
         count = (max(gate, 1) + 1) // 2
         assert frame.gate_clocks == max(gate, 1)
         assert sum(1 << row for row in frame.slots) == mask
         assert (frame.codes == min(count, 255)).all()
         assert (frame.overflow == (count > 255)).all()
-    await host.run(spi.write_register(rm.CONTROL, CONTINUOUS))
+    await host.write(rm.CONTROL, CONTINUOUS)
     await RisingEdge(dut.frame_start_o)
     await chip.clocks(20)
     assert int(dut.row_select_o.value)
@@ -255,28 +243,25 @@ async def lengths(dut: Any) -> None:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def size(dut: Any) -> None:
     """Geometry, the end of each list of registers, and a whole frame."""
-    p = scenario()["parameters"]
-    chip = Chip(dut, p, levels=own_pattern)
-    host = Pins(dut, chip.clock_ps // 8)
-    await chip.reset()
-    assert await host.run(spi.read_register(rm.GEOMETRY)) == chip.rows << 8 | chip.cols
+    s, chip, host = await start(dut, ratio=8)
+    p = s["parameters"]
+    assert await host.read(rm.GEOMETRY) == chip.rows << 8 | chip.cols
     model = RegisterModel(chip.rows, chip.cols, chip.code_bits, reset_values(p))
     for register in rm.REGISTERS.values():
         last = register.address + len(register.words(chip.rows, chip.cols, chip.code_bits)) - 1
         for address in {last, min(last + 1, 255)}:
             try:
-                got = await host.run(spi.read_register(address))
+                got = await host.read(address)
             except spi.NoSuchRegister:
                 got = None
             assert (got is not None) == model.exists(address), f"{address:02X}"
             assert got == model.values.get(address, got), f"{address:02X}"
     # Long frames are read once: the third from here began after the write.
-    await host.run(spi.write_register(rm.PEDESTAL + chip.cols - 1, 5))
-    await host.run(spi.write_register(rm.CONTROL, CONTINUOUS | pedestal_mode(1)))
+    await host.write(rm.PEDESTAL + chip.cols - 1, 5)
+    await host.write(rm.CONTROL, CONTINUOUS | pedestal_mode(1))
     begun = chip.frame
-    while chip.frame < begun + 3:
-        await RisingEdge(dut.frame_start_o)
-    data = await host.run(spi.read_frame_bytes())
+    await chip.starts(3)
+    data = await host.frame_bytes()
     number = spi.parse_frame(data).number
     assert number > begun
     pedestals = [0] * (chip.cols - 1) + [5]
@@ -286,12 +271,8 @@ async def size(dut: Any) -> None:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def ratios(dut: Any) -> None:
     """Registers and frames at each ratio of SCK to clk; how many wait bytes come."""
-    s = scenario()
-    p, gate = s["parameters"], 20
-    chip = Chip(dut, p, levels=own_pattern)
-    host = Pins(dut, chip.clock_ps)
-    await chip.reset()
-    rng = random.Random(5)
+    s, chip, host = await start(dut)
+    gate, rng = 20, random.Random(5)
     waits: list[dict[str, Any]] = []
     for ratio in s["ratios"]:
         host.period_ps = round(chip.clock_ps / ratio) // 2 * 2
@@ -300,19 +281,17 @@ async def ratios(dut: Any) -> None:
         for _ in range(s["repeats"]):
             await Timer(rng.randrange(1, chip.clock_ps), "ps")
             value = rng.getrandbits(16)
-            seen["write"].append(await host.run(spi.write_register(rm.TEST_RATE, value)))
+            seen["write"].append(await host.write(rm.TEST_RATE, value))
             await Timer(rng.randrange(1, chip.clock_ps), "ps")
-            assert await host.run(spi.read_register(rm.TEST_RATE)) == value
+            assert await host.read(rm.TEST_RATE) == value
             seen["read"].append(len(host.received) - 2 - 4)
-        await host.run(spi.write_register(rm.GATE, gate))
-        await host.run(spi.write_register(rm.CONTROL, CONTINUOUS))
-        before = chip.frame
-        while chip.frame < before + 2:
-            await RisingEdge(dut.frame_start_o)
+        await host.write(rm.GATE, gate)
+        await host.write(rm.CONTROL, CONTINUOUS)
+        await chip.starts(2)
         last = 0
         for _ in range(s["frames"]):
             await wait_ready(chip, 10_000)
-            data = await host.run(spi.read_frame_bytes())
+            data = await host.frame_bytes()
             number = spi.parse_frame(data).number
             assert number > last, f"frame {number} behind {last} at ratio {ratio}"
             last = number
@@ -325,15 +304,10 @@ async def ratios(dut: Any) -> None:
 @cocotb.test(timeout_time=20, timeout_unit="sec")
 async def traffic(dut: Any) -> None:
     """Random SPI traffic, most of it wrong, while frames run."""
-    s = scenario()
-    p = s["parameters"]
-    rng = random.Random(s["seed"])
-    chip = Chip(dut, p, levels=own_pattern)
-    host = Pins(dut, chip.clock_ps)
-    await chip.reset()
+    s, chip, host = await start(dut)
+    p, rng = s["parameters"], random.Random(s["seed"])
     model = RegisterModel(chip.rows, chip.cols, chip.code_bits, reset_values(p))
-    # Settings of a frame, which accepted writes leave unchanged, so that every frame can be
-    # predicted.
+    # Settings of a frame, which writes leave unchanged, so that every frame can be predicted.
     fixed = {rm.CONTROL, rm.SETTLE, rm.GATE, rm.ROW_MASK, *range(rm.PEDESTAL, 256)}
     free = sorted(set(model.values) - fixed)
     done = dict.fromkeys(("write", "refused", "read", "frame", "crc", "cut", "opcode", "stop", "bounce"), 0)
@@ -342,7 +316,7 @@ async def traffic(dut: Any) -> None:
 
     async def check_frame() -> None:
         nonlocal last_frame
-        data = await host.run(spi.read_frame_bytes())
+        data = await host.frame_bytes()
         if data:
             number = spi.parse_frame(data).number
             assert number >= last_frame, f"frame {number} behind {last_frame}"
@@ -440,10 +414,8 @@ async def traffic(dut: Any) -> None:
     host.period_ps = chip.clock_ps
     await host.deselect(8 * chip.clock_ps)
     for address, value in model.values.items():
-        assert await host.run(spi.read_register(address)) == value
-    before = chip.frame
-    while chip.frame < before + 2:
-        await RisingEdge(dut.frame_start_o)
+        assert await host.read(address) == value
+    await chip.starts(2)
     await wait_ready(chip, 5000)
     await check_frame()
     report({"done": done, "frames": chip.frame})
@@ -466,7 +438,7 @@ async def counters(dut: Any) -> None:
     dut.enable_i.value = dut.comp_async_i.value = dut.row_sense_i.value = 0
     await reset(dut)
     for address, value in ((rm.SETTLE, 0), (rm.GATE, 1), (rm.ROW_MASK, 1)):
-        await host.run(spi.write_register(address, value))
+        await host.write(address, value)
     dut.enable_i.value = 1
     starts = []
     for _ in range(4):
@@ -478,10 +450,10 @@ async def counters(dut: Any) -> None:
     await Timer(frames * slot_ps, "ps")
     await host.deselect()
     dut.enable_i.value = 0
-    seen = {"number": await host.run(spi.read_register(rm.FRAME_NUMBER))}
-    seen["lost"] = await host.run(spi.read_register(rm.LOST))
+    seen = {"number": await host.read(rm.FRAME_NUMBER)}
+    seen["lost"] = await host.read(rm.LOST)
     await reset(dut)
-    seen["lost_after_reset"] = await host.run(spi.read_register(rm.LOST))
+    seen["lost_after_reset"] = await host.read(rm.LOST)
     # 24 clocks a command, 20 of them with CS low; its edges lie between those of SCK.
     dut.spi_copi_i.value = 1
     sck = Clock(dut.spi_sck_i, CLOCK_PS, "ps")
@@ -493,35 +465,30 @@ async def counters(dut: Any) -> None:
     cs.stop()
     sck.stop()
     await host.deselect()
-    seen["errors"] = await host.run(spi.read_register(rm.SPI_ERRORS))
+    seen["errors"] = await host.read(rm.SPI_ERRORS)
     await reset(dut)
-    seen["errors_after_reset"] = await host.run(spi.read_register(rm.SPI_ERRORS))
+    seen["errors_after_reset"] = await host.read(rm.SPI_ERRORS)
     report(seen)
 
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def wiring(dut: Any) -> None:
     """Every status bit, header flag and pin, with no parameter at its default."""
-    p = scenario()["parameters"]
-    chip = Chip(dut, p, levels=own_pattern)
-    host = Pins(dut, chip.clock_ps // 8)
-    rows, cols, gate, settle = chip.rows, chip.cols, p["GATE_CLOCKS"], p["SETTLE_CLOCKS"]
-
-    async def write(address: int, value: int) -> None:
-        await host.run(spi.write_register(address, value))
+    s, chip, host = await start(dut, ratio=8, enable=False)
+    p, rows, cols = s["parameters"], chip.rows, chip.cols
+    gate, settle = p["GATE_CLOCKS"], p["SETTLE_CLOCKS"]
 
     async def begin(control: int) -> None:
         """Write CONTROL and wait for the frame that it begins."""
         begun = chip.frame
-        await write(rm.CONTROL, control)
+        await host.write(rm.CONTROL, control)
         while chip.frame == begun:
             await chip.clocks(1)
 
     async def status() -> int:
-        return await host.run(spi.read_register(rm.STATUS))
+        return await host.read(rm.STATUS)
 
     # CIPO is driven while the chip is selected, and by nothing else.
-    await chip.reset(enable=False)
     assert int(dut.spi_cipo_oe_o.value) == 0
     await host.select()
     assert int(dut.spi_cipo_oe_o.value) == 1
@@ -529,14 +496,14 @@ async def wiring(dut: Any) -> None:
     assert int(dut.spi_cipo_oe_o.value) == 0
 
     # Nothing is counted after a reset; then a command that there is not.
-    assert [await host.run(spi.read_register(name)) for name in (rm.LOST, rm.SPI_ERRORS)] == [0, 0]
+    assert [await host.read(name) for name in (rm.LOST, rm.SPI_ERRORS)] == [0, 0]
     await host.select()
     await host.exchange(bytes([0xFF, 0, 0]))
     await host.deselect()
-    assert await host.run(spi.read_register(rm.SPI_ERRORS)) == 1
+    assert await host.read(rm.SPI_ERRORS) == 1
 
     # A chip that is enabled and has nothing to do does not scan.
-    await write(rm.CONTROL, 0)
+    await host.write(rm.CONTROL, 0)
     dut.enable_i.value = 1
     await chip.clocks(20)
     assert await status() == 0
@@ -554,71 +521,70 @@ async def wiring(dut: Any) -> None:
     breaks = {after - before for (before, value), (after, _) in pairwise(whole) if not value}
     assert breaks == {p["BREAK_CLOCKS"] * chip.clock_ps}
     await wait_ready(chip, 4 * rows * (gate + settle))
-    assert await host.run(spi.read_register(rm.LOST)) > 0
-    data = await host.run(spi.read_frame_bytes())
+    assert await host.read(rm.LOST) > 0
+    data = await host.frame_bytes()
     assert len(data) > 512
     same(data, chip.expected(spi.parse_frame(data).number, gate))
 
     # Slots that are shorter than the packing of a row wait for it.
-    await write(rm.CONTROL, 0)
+    await host.write(rm.CONTROL, 0)
     await chip.clocks(2 * rows * (gate + settle))
-    await write(rm.SETTLE, 0)
-    await write(rm.GATE, 2)
+    await host.write(rm.SETTLE, 0)
+    await host.write(rm.GATE, 2)
     if int(dut.frame_ready_o.value):
-        await host.run(spi.read_frame_bytes())
+        await host.frame_bytes()
     await begin(SHOT)
     await wait_ready(chip, 4 * rows * cols)
-    same(await host.run(spi.read_frame_bytes()), chip.expected(chip.frame, 2))
-    await write(rm.SETTLE, settle)
+    same(await host.frame_bytes(), chip.expected(chip.frame, 2))
+    await host.write(rm.SETTLE, settle)
 
     # The header has the gate that its frame began with; overflow has a bit for each column.
     mask, long = 1 << rows - 1 | 1, 2 ** (chip.code_bits + 1) + 50
     for n in range((rows + 15) // 16):
-        await write(rm.ROW_MASK + n, mask >> 16 * n & 0xFFFF)
-    await write(rm.GATE, long)
-    await host.run(spi.read_frame_bytes())
+        await host.write(rm.ROW_MASK + n, mask >> 16 * n & 0xFFFF)
+    await host.write(rm.GATE, long)
+    await host.frame_bytes()
     await begin(SHOT)
-    await write(rm.GATE, 40)
+    await host.write(rm.GATE, 40)
     await wait_ready(chip, 4 * long)
-    same(await host.run(spi.read_frame_bytes()), chip.expected(chip.frame, long, row_mask=mask))
+    same(await host.frame_bytes(), chip.expected(chip.frame, long, row_mask=mask))
 
     # A self-test: its pulses begin with its gate, its limits have 16 bits, its faults are in the next header.
     long = 2 ** (chip.code_bits + 1) - 20
-    await write(rm.GATE, long)
-    await write(
-        rm.TEST_RATE, rate := 0x2AAA
-    )  # 337.98 pulses in 2 028 clocks: any phase at their start makes one more
+    await host.write(rm.GATE, long)
+    rate = 0x2AAA  # 337.98 pulses in 2 028 clocks: any phase at their start makes one more
+    await host.write(rm.TEST_RATE, rate)
     counts = []
-    await write(rm.DARK_MAX, long)
+    await host.write(rm.DARK_MAX, long)
     for full_min, broken, lit in (
-        (long // 2 - 1, 0, 1), (long // 2 - 1, 1 << rows - 1, 0), (long // 2 + 1, 0, 0)
+        (long // 2 - 1, 0, 1), (long // 2 - 1, 1, 0), (long // 2 + 1, 0, 0)
     ):  # fmt: skip
-        await write(rm.FULL_MIN, full_min)
-        chip.broken_rows, chip.stuck_high = broken, lit
+        await host.write(rm.FULL_MIN, full_min)
+        chip.set_faults(rows_low=[rows - 1] * broken, comparators_high=[0] * lit)
         frame = await shot(chip, host, TEST)
         assert frame.test
-        counts.append(await host.run(spi.read_register(rm.TEST_COUNT)))
+        counts.append(await host.read(rm.TEST_COUNT))
         faults = []
         for first, lines in ((rm.ROW_FAULT, rows), (rm.FULL_FAULT, cols), (rm.DARK_FAULT, cols)):
-            words = [await host.run(spi.read_register(first + n)) for n in range((lines + 15) // 16)]
+            words = [await host.read(first + n) for n in range((lines + 15) // 16)]
             faults.append(sum(word << 16 * n for n, word in enumerate(words)))
         wrong = 0 if full_min < long // 2 else (1 << cols) - 1
-        assert faults == [broken, wrong, 0]
+        assert faults == [broken << rows - 1, wrong, 0]
         assert await status() & (TEST_DONE | FAULT) == TEST_DONE | FAULT * bool(broken or wrong)
-        chip.broken_rows = chip.stuck_high = 0
+        chip.set_faults()
         assert (await shot(chip, host, SHOT)).fault == bool(broken or wrong)
     assert counts == [rate * long >> 16] * 3
 
     # A self-test that is asked for again in its first slot is done with the second one.
-    await write(rm.GATE, 200)
+    await host.write(rm.GATE, 200)
     await begin(TEST)
     await begin(TEST)
     await wait_ready(chip, 2000)
     assert not await status() & TEST_DONE
-    await host.run(spi.read_frame_bytes())
+    await host.frame_bytes()
     await wait_ready(chip, 8 * (200 + settle) + 500)
     assert await status() & TEST_DONE
-    slots, slot = len(spi.parse_frame(await host.run(spi.read_frame_bytes())).slots), 200 + settle
+    slots, slot = len(spi.parse_frame(await host.frame_bytes()).slots), 200 + settle
 
     # It is done at its end and not before, also if enable falls while its last row is packed; before that it is cut.
     for clocks, before, after in ((1.5 * slot, 0, TEST_CUT), (slots * slot + 8, None, TEST_DONE)):
@@ -637,9 +603,7 @@ async def wiring(dut: Any) -> None:
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def off(dut: Any) -> None:
     """The clock stops at each level while a row is driven or tested; enable_i takes the analog side off."""
-    s = scenario()
-    chip = Chip(dut, s["parameters"], x=s["x"])
-    host = Pins(dut, chip.clock_ps // 8)
+    _, chip, host = await start(dut, ratio=8)
     rng = random.Random(3)
 
     def on() -> int:
@@ -650,7 +614,7 @@ async def off(dut: Any) -> None:
     for level in (0, 1) * 6:
         chip.stopped = False
         await chip.reset()
-        await host.run(spi.write_register(rm.CONTROL, CONTINUOUS | TEST * rng.randrange(2)))
+        await host.write(rm.CONTROL, CONTINUOUS | TEST * rng.randrange(2))
         await chip.clocks(rng.uniform(20, 400))
         while not int(dut.row_select_o.value) | int(dut.test_current_o.value):
             await chip.clocks(1)
@@ -674,12 +638,8 @@ async def cuts(dut: Any) -> None:
     """enable_i falls at any time, often for less than a clock, most often around the last sample of
     a slot: each frame that comes is exact, no row is called broken, and a test that was cut says so.
     """
-    s = scenario()
-    p = s["parameters"]
-    chip = Chip(dut, p, x=s["x"])
-    host = Pins(dut, chip.clock_ps // 8)
-    rng = random.Random(s["seed"])
-    await chip.reset()
+    s, chip, host = await start(dut, ratio=8)
+    p, rng = s["parameters"], random.Random(s["seed"])
     rows, slot = chip.rows, p["GATE_CLOCKS"] + p["SETTLE_CLOCKS"]
     read = 0
     for n in range(s["cuts"]):
@@ -693,13 +653,13 @@ async def cuts(dut: Any) -> None:
         dut.enable_i.value = 1
         await chip.clocks(40)
         if int(dut.frame_ready_o.value):
-            data = await host.run(spi.read_frame_bytes())
+            data = await host.frame_bytes()
             number = spi.parse_frame(data).number
             assert number <= whole
             same(data, chip.expected(number, p["GATE_CLOCKS"]))
             read += 1
     words = range((rows + 15) // 16)
-    assert not any([await host.run(spi.read_register(rm.ROW_FAULT + n)) for n in words])
+    assert not any([await host.read(rm.ROW_FAULT + n) for n in words])
     report(read)
 
 
@@ -708,9 +668,7 @@ async def commits(dut: Any) -> None:
     """Settings written under CONTROL.hold act together: each frame has slots, gate, settle, dark
     slot and pedestal mode of one release, that before its start.
     """
-    s = scenario()
-    chip = Chip(dut, s["parameters"])
-    host = Pins(dut, chip.clock_ps // 8)
+    s, chip, host = await start(dut, ratio=8, enable=False)
     rng = random.Random(s["seed"])
     words = range((chip.rows + 15) // 16)
     released: dict[int, tuple[Any, ...]] = {}  # number of the first frame that may have it -> settings
@@ -727,9 +685,8 @@ async def commits(dut: Any) -> None:
             if int(dut.row_select_o.value) and starts:
                 starts[-1].append(get_sim_time("ps") / chip.clock_ps)
 
-    await chip.reset(enable=False)
     control = CONTINUOUS
-    await host.run(spi.write_register(rm.CONTROL, control | rm.CONTROL_HOLD_MASK))
+    await host.write(rm.CONTROL, control | rm.CONTROL_HOLD_MASK)
     for task in (watch_frames, watch_rows):
         cocotb.start_soon(task())
     dut.enable_i.value = 1
@@ -738,35 +695,26 @@ async def commits(dut: Any) -> None:
         mask = 0
         while bin(mask).count("1") < 2:
             mask = rng.getrandbits(chip.rows) & rng.getrandbits(chip.rows)
-        settle, gate, mode, dark = (
-            rng.randrange(3, 40),
-            rng.randrange(40, 90),
-            rng.randrange(3),
-            rng.randrange(2),
-        )
-        await host.run(spi.write_register(rm.CONTROL, control | rm.CONTROL_HOLD_MASK))
+        settle, gate, mode, dark = (rng.randrange(*ends) for ends in ((3, 40), (40, 90), (3,), (2,)))
+        await host.write(rm.CONTROL, control | rm.CONTROL_HOLD_MASK)
         settings = [(rm.SETTLE, settle), (rm.GATE, gate)]
         settings += [(rm.ROW_MASK + n, mask >> 16 * n & 0xFFFF) for n in words]
         rng.shuffle(settings)
         for address, value in settings:
-            await host.run(spi.write_register(address, value))
+            await host.write(address, value)
             await chip.clocks(rng.expovariate(0.05) + 0.1)
         control = CONTINUOUS | DARK * dark | pedestal_mode(mode)
         # The frames that are there were begun before; the next has these settings.
         released[len(starts) + 1] = (mask, gate, settle, mode, dark)
-        await host.run(spi.write_register(rm.CONTROL, control))
+        await host.write(rm.CONTROL, control)
         writes += len(settings) + 2
         await chip.clocks(rng.choice((1, rng.expovariate(0.01) + 1, rng.expovariate(0.002) + 1)))
         if int(dut.frame_ready_o.value):
-            frame = await host.run(spi.read_frame())
+            frame = await host.frame()
             settings_of = released[max(n for n in released if n <= frame.number)]
             rows_on = [row for row in frame.slots if row < spi.SLOT_INJECT]
-            on = starts[frame.number - 1]
-            got = (
-                sum(1 << row for row in rows_on),
-                frame.gate_clocks,
-                round(on[1] - on[0]) - frame.gate_clocks,
-            )
+            on, clocks = starts[frame.number - 1], frame.gate_clocks
+            got = (sum(1 << row for row in rows_on), clocks, round(on[1] - on[0]) - clocks)
             got += (frame.pedestal_mode, int(frame.dark))
             assert got == settings_of, f"frame {frame.number}: {got}, not {settings_of}"
             read += 1

@@ -7,6 +7,7 @@ from typing import Any
 
 from cocotb.triggers import Timer
 
+from dermis.chip import spi_protocol as spi
 from dermis.chip.spi_protocol import Result, Transaction
 
 
@@ -91,3 +92,16 @@ class Pins:
             return await self.answer(transaction)
         finally:
             await self.deselect()
+
+    async def read(self, address: int) -> int:
+        return await self.run(spi.read_register(address))
+
+    async def write(self, address: int, value: int) -> int:
+        """Write a register; return the number of wait bytes."""
+        return await self.run(spi.write_register(address, value))
+
+    async def frame_bytes(self) -> bytes:
+        return await self.run(spi.read_frame_bytes())
+
+    async def frame(self) -> spi.Frame:
+        return await self.run(spi.read_frame())

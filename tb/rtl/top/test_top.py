@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rtl_run import changed, simulate
+from rtl_run import changed, simulate, sync_random
 
 from tb.reference.chip import SHORT, Duty
 
@@ -18,9 +18,6 @@ SMALL = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8, "GATE_CLOCKS": 60, "SETTLE_CLOCKS
 """One build serves most tests: five columns are no power of two, and a frame lasts 264 clocks."""
 
 WEIGHTS = [5, 2, 4, 2, 2, 5, 2, 1, 2]
-
-
-SYNC_RANDOM = Path(__file__).parents[1] / "frame_buffer" / "sync_random.v"
 
 
 def run(
@@ -59,10 +56,6 @@ def test_a_short_reads_full_scale_with_its_overflow_bit(simulator: str) -> None:
 
 def test_configuration_changes_frames_and_their_rate(simulator: str) -> None:
     run(simulator, "configuration")
-
-
-def test_a_self_test_finds_each_broken_line_by_its_own_bit(simulator: str) -> None:
-    run(simulator, "self_test")
 
 
 WIRED = {"ROWS": 18, "COLS": 19, "CODE_BITS": 10, "GATE_CLOCKS": 60, "SETTLE_CLOCKS": 9, "BREAK_CLOCKS": 3}
@@ -149,9 +142,9 @@ def test_any_ratio_of_sck_to_clk(simulator: str) -> None:
             assert max(row["write"][1], row["read"][1], row["frame"][1]) <= 1, row
 
 
-def test_random_traffic_hangs_nothing_and_corrupts_nothing(simulator: str) -> None:
+def test_random_traffic_hangs_nothing_and_corrupts_nothing(simulator: str, tmp_path: Path) -> None:
     transactions = 5000 if simulator == "verilator" else 150
-    trap = SYNC_RANDOM if simulator == "icarus" else None
+    trap = sync_random(tmp_path) if simulator == "icarus" else None
     run(simulator, "traffic", trap=trap, seed=1, transactions=transactions, slowest=0.7, weights=WEIGHTS)
 
 

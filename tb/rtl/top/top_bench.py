@@ -34,7 +34,11 @@ class Chip:
         Comparators constant during a slot: a column at 1 counts every second sample. Fast and exact.
     x : [rows][cols] of Duty, optional
         Duties for charge-balance columns instead.
+    analog : optional
+        Other columns instead, with the methods of AnalogColumns.
     """
+
+    clock_ps = CLOCK_PS
 
     def __init__(
         self,
@@ -42,30 +46,42 @@ class Chip:
         parameters: Mapping[str, int],
         levels: Levels | None = None,
         x: Sequence[Sequence[Duty]] | None = None,
-        clock_ps: int = CLOCK_PS,
+        analog: Any = None,
     ) -> None:
-        self.dut, self.clock_ps = dut, clock_ps
+        self.dut, self.levels, self.analog = dut, levels or (lambda _frame, row: row * 0x55 + 1), analog
         self.rows, self.cols = parameters["ROWS"], parameters["COLS"]
         self.code_bits = parameters.get("CODE_BITS", 8)
-        self.levels = levels or (lambda _frame, row: row * 0x55 + 1)
         self.x = [[tuple(d) for d in row] for row in x] if x else None
         self.frame = 0
         self.stopped = False  # the clock stands where it is, with charge-balance columns
-        self.broken_rows = self.stuck_high = self.stuck_low = 0
-        dut.rst_ni.value = 0
-        dut.enable_i.value = 0
-        dut.comp_async_i.value = 0
-        dut.row_sense_i.value = 0
+        self.set_faults()
+        for name in ("rst_ni", "enable_i", "comp_async_i", "row_sense_i"):
+            getattr(dut, name).value = 0
         for task in (self._count_frames, self._follow_rows):
             cocotb.start_soon(task())
-        if self.x:
+        if self.analog:
             cocotb.start_soon(self._charge_balance())
         else:
-            Clock(dut.clk_i, clock_ps, "ps").start()
+            Clock(dut.clk_i, CLOCK_PS, "ps").start()
+
+    def set_faults(self, **faults: Sequence[Any]) -> None:
+        """Break the array, in place of earlier faults.
+
+        comparators_high, comparators_low, open_columns: columns; shorted_columns: pairs of columns;
+        rows_high, rows_low: rows; shorted_rows: pairs of rows, of which the driven one pulls the
+        other along.
+        """
+        self.faults = faults
+        if self.x:
+            columns = (faults.get(name, ()) for name in ("open_columns", "shorted_columns"))
+            self.analog = AnalogColumns(self.x, None, *columns)
+
+    def _lines(self, fault: str) -> int:
+        return sum(1 << line for line in self.faults.get(fault, ()))
 
     async def clocks(self, count: float) -> None:
         """Wait a number of clock periods."""
-        await Timer(int(count * self.clock_ps), "ps")
+        await Timer(int(count * CLOCK_PS), "ps")
 
     async def reset(self, enable: bool = True) -> None:
         """Power up."""
@@ -76,6 +92,11 @@ class Chip:
         self.dut.enable_i.value = int(enable)
         await self.clocks(4)
 
+    async def starts(self, count: int) -> None:
+        """Wait for the starts of a number of frames."""
+        for _ in range(count):
+            await RisingEdge(self.dut.frame_start_o)
+
     async def _count_frames(self) -> None:
         while True:
             await RisingEdge(self.dut.frame_start_o)
@@ -83,19 +104,29 @@ class Chip:
             self._drive()
 
     async def _follow_rows(self) -> None:
-        dut = self.dut
-        changes = [ValueChange(dut.row_select_o), ValueChange(dut.test_current_o)]
+        changes = [ValueChange(self.dut.row_select_o), ValueChange(self.dut.test_current_o)]
         while True:
             await First(*changes)
             self._drive()
 
     def _drive(self) -> None:
-        driven, test_current = self._level(self.dut.row_select_o), self._level(self.dut.test_current_o)
-        self.dut.row_sense_i.value = driven & ~self.broken_rows
-        if self.x is None:
-            level = self.levels(self.frame, driven.bit_length() - 1) if driven else 0
-            level = (level | test_current | self.stuck_high) & ~self.stuck_low
-            self.dut.comp_async_i.value = level & ((1 << self.cols) - 1)
+        self.dut.row_sense_i.value = rows = self._rows()
+        if self.analog is None:
+            level = self.levels(self.frame, rows.bit_length() - 1) if rows else 0
+            self._compare(level | self._level(self.dut.test_current_o))
+
+    def _rows(self) -> int:
+        """Return the levels of the rows, faults included."""
+        rows = self._level(self.dut.row_select_o)
+        for a, b in self.faults.get("shorted_rows", ()):
+            pair = 1 << a | 1 << b
+            rows |= pair if rows & pair else 0
+        return (rows | self._lines("rows_high")) & ~self._lines("rows_low")
+
+    def _compare(self, levels: int) -> None:
+        """Drive the comparators, faults included."""
+        levels = (levels | self._lines("comparators_high")) & ~self._lines("comparators_low")
+        self.dut.comp_async_i.value = levels & ((1 << self.cols) - 1)
 
     @staticmethod
     def _level(handle: Any) -> int:
@@ -104,11 +135,10 @@ class Chip:
         return int(value) if value.is_resolvable else 0
 
     async def _charge_balance(self) -> None:
-        """The clock with ideal converters around it, half a clock at a time."""
+        """The clock with converters around it, half a clock at a time."""
         # The comparators move a nanosecond in front of the edge that samples them, not with it.
         dut, before = self.dut, Timer(1, "ns")
-        half, rest = Timer(self.clock_ps // 2, "ps"), Timer(self.clock_ps // 2 - 1000, "ps")
-        analog = AnalogColumns(self.x)
+        half, rest = Timer(CLOCK_PS // 2, "ps"), Timer(CLOCK_PS // 2 - 1000, "ps")
         dut.clk_i.value = 0
         await half
         while True:
@@ -116,14 +146,14 @@ class Chip:
                 await half
             dut.clk_i.value = 1
             await half
-            rows, preset = self._level(dut.row_select_o), self._level(dut.preset_o)
-            analog.half_clock(rows, preset, self._level(dut.charge_o))
+            rows, preset, current = self._rows(), self._level(dut.preset_o), self._level(dut.test_current_o)
+            self.analog.half_clock(rows, preset, self._level(dut.charge_o), current)
             while self.stopped:
                 await half
             dut.clk_i.value = 0
             await rest
-            analog.half_clock(rows, preset, self._level(dut.charge_o))
-            dut.comp_async_i.value = analog.comparators()
+            self.analog.half_clock(rows, preset, self._level(dut.charge_o), current)
+            self._compare(self.analog.comparators())
             await before
 
     def expected(
