@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run hard duties and converters in each engine, whole gates, against the exact counts of
-tb/reference/exact.py.
-"""
+"""Run hard duties and converters in each engine, whole gates, against tb/reference/exact.py."""
 
 from __future__ import annotations
 
@@ -30,6 +28,7 @@ COLS = 8
 """Columns of a chip of one row, so that few builds serve every case; duties fill its frames."""
 
 GATE, FULL = 510, 255
+ALL = ("closed", "event", "icarus", "verilator", "cosim")
 
 # A decision at clock n depends on n sums, each rounded by half an ulp of a charge below 2.
 _SUMS = 2.0**-53
@@ -44,20 +43,15 @@ _SPICE = 1e-5
 class World:
     """Duties at the input of one kind of converter.
 
-    Parameters
+    Attributes
     ----------
-    x : tuple of float
-        Packets a clock; their binary values are exact.
-    effects, interface : mapping
-        As in a scene.
-    analog : tuple of float
-        Fewer duties for ngspice; default all.
-    gate, rows : int
-        Clocks; rows of the chip.
-    latch : bool
-        The flip-flop + latch synchronizer: the packet begins half a clock after its decision.
-    exactly : bool
-        No margin for rounding: the arithmetic of this case is exact in doubles.
+    x : packets a clock; their binary values are exact
+    effects, interface : as in a scene
+    analog : fewer duties for ngspice; default all
+    gate, rows : clocks; rows of the chip
+    latch : the flip-flop + latch synchronizer: a packet begins half a clock after its decision
+    exactly : no margin for rounding: the arithmetic of this case is exact in doubles
+    engines, short : engines that run it; part of the short set
     """
 
     x: tuple[float, ...]
@@ -68,6 +62,8 @@ class World:
     rows: int = 1
     latch: bool = False
     exactly: bool = False
+    engines: tuple[str, ...] = ALL
+    short: bool = False
 
     @property
     def late(self) -> float:
@@ -83,8 +79,7 @@ class World:
         if self.effects:
             return _LOOPS
         reach = max(1.0, abs(x)) if np.isfinite(x) else 1.0
-        # closed: N x and the difference to the start, an ulp of the larger; the loops: a sum a
-        # clock.
+        # closed: N x and the difference to the start, an ulp of the larger; loops: a sum a clock.
         return (2.0 * self.gate if engine == "closed" else self.gate) * _SUMS * reach
 
 
@@ -124,8 +119,7 @@ def _event(world: World) -> NDArray[Any]:
     return np.minimum(counts, made.timing.code_max)
 
 
-# Parameters of the Verilator build with all effects; an effect that is off has its neutral
-# value. (DELAY has none: without it the comparator is sampled at the clock.)
+# Parameters of the Verilator build with all effects; one that is off has its neutral value. DELAY has none.
 _EVERY = ("PACKET", "W_PRESET", "RISE", "FALL", "W_LOW", "LEAK")
 
 
@@ -158,15 +152,12 @@ ENGINES: dict[str, Callable[[World], NDArray[Any]]] = {
     "cosim": _cosim,
 }
 
-# Icarus takes 40 ms for eight duties: of longer lists every fifth, which is prime to the pairs and
-# triples in them.
+# Icarus takes 40 ms for eight duties: of longer lists every fifth, prime to their pairs and triples.
 _MANY, _EVERY_SO_MANY = 200, 5
 
 
 def codes(engine: str, *worlds: World) -> Measured:
-    """Return the largest error of an engine in codes outside the interval of the exact walk; ngspice
-    takes the first and the last world.
-    """
+    """Return the largest error of an engine in codes; ngspice takes the first and the last world."""
     worst, where, near = 0, "", 0
     for world in (worlds[0], *worlds[1:][-1:]) if engine == "cosim" else worlds:
         if engine == "icarus" and len(world.x) > _MANY:
@@ -182,10 +173,8 @@ def codes(engine: str, *worlds: World) -> Measured:
                 near += 1
             miss = max(min(low, FULL) - code, code - min(high, FULL), 0)
             if miss > worst:
-                worst, where = (
-                    miss,
-                    f"x = {x!r}: {code}, exactly {low}" + (f" to {high}" if high > low else ""),
-                )
+                to = f" to {high}" if high > low else ""
+                worst, where = miss, f"x = {x!r}: {code}, exactly {low}{to}"
     return Measured(float(worst), where or (f"{near} within rounding of a level" if near else ""))
 
 
@@ -193,9 +182,7 @@ def codes(engine: str, *worlds: World) -> Measured:
 
 
 def loop(cells: Mapping[str, Sequence[float]], clocks: int) -> tuple[NDArray[Any], Floats]:
-    """Return counts and charges of cells (fields of walk.Cells; the others ideal) by the loops of
-    engine event.
-    """
+    """Return counts and charges of cells by the loops of event; fields that are not given are ideal."""
     size = max(len(values) for values in cells.values())
     ideal = {"w0": -0.5, "packet": 1.0, "low": -np.inf, "high": np.inf}
     whole = {

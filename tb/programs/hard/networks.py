@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard cases of the array: shorts, opens, resistances 70 decades apart, lines that cancel, sizes
-from 1x1 to 256x256.
+"""Hard cases of the array: shorts, opens, resistances 70 decades apart, currents that cancel.
 
-Each runs in the solver and in engines closed and event. The currents of every column in every slot
-and the codes are compared.
+Each runs in the solver and in engines closed and event: currents of every slot and codes are compared.
 """
 
 from __future__ import annotations
@@ -34,8 +32,7 @@ CLOCKS, CODE_MAX = 510, 255
 
 DIGITS = 120
 
-# A current of 0 is computed as the leakage of the stand-ins for ideal sources (docs/array.md,
-# Bounds).
+# A current of 0 is computed as the leakage of stand-ins for ideal sources (docs/array.md, Bounds).
 NOTHING_A = 1e-45
 
 
@@ -44,7 +41,7 @@ class Hard:
     """A hard network: its conductances and its other elements.
 
     The currents are those of the nodal matrix in DIGITS digits, only for `slots` if that would take
-    long. With `cancels` the currents of offsets cancel, so errors are relative to the terms of the sum.
+    long. With `cancels` errors are relative to the terms of a sum.
     """
 
     name: str
@@ -67,14 +64,8 @@ class Hard:
         return slice(None) if self.slots is None else list(self.slots)
 
 
-def _error(have: Floats, want: Floats) -> Floats:
-    return np.where(np.abs(have - want) <= NOTHING_A, 0.0, np.abs(have - want))
-
-
 def currents(name: str) -> Measured:
-    """Return the largest relative error of a current, relative to itself or to the largest one in
-    its slot that cancels.
-    """
+    """Return the largest error of a current over itself, or over the largest of a slot that cancels."""
     hard = TABLE[name]
     with solve_error.recording() as record:
         have = column_currents(hard.network())[hard.rows()]
@@ -82,7 +73,7 @@ def currents(name: str) -> Measured:
     size = np.abs(want)
     if hard.cancels:
         size = np.broadcast_to(size.max(axis=-1, keepdims=True), want.shape)
-    error = _error(have, want)
+    error = np.where(np.abs(have - want) <= NOTHING_A, 0.0, np.abs(have - want))
     worst = np.divide(error, size, out=np.where(error > 0, np.inf, 0.0), where=size > 0).max()
     return Measured(float(worst), f"bound {record.bound:.1e}, condition {record.condition:.1e}")
 
