@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The charge balance of one converter in fifty digits: the slow reference of engine event and of
-its compiled loops.
-"""
+"""The charge balance of one converter in fifty digits: the slow reference of engine event."""
 
 from __future__ import annotations
 
@@ -12,9 +10,7 @@ import mpmath
 
 
 class Draws(NamedTuple):
-    """The noise of one cell in full, for the reference: nothing is left out because it cannot
-    matter.
-    """
+    """The noise of one cell in full: nothing is left out because it cannot matter."""
 
     slow: list[float]  # sigma W(n), n = 1 ..
     sample: list[float]  # shift of the level of sample n alone
@@ -23,9 +19,7 @@ class Draws(NamedTuple):
 
 
 class Walk(NamedTuple):
-    """Result of the reference: bits, the charge at every clock, and the least distance of the
-    output from a level.
-    """
+    """Bits, the charge at every clock, and the least distance of the output from a level."""
 
     bits: list[bool]
     charge: list[mpmath.mpf]
@@ -40,8 +34,7 @@ def walk_reference(
     vary: list[float] | None = None,
     draws: Draws | None = None,
 ) -> Walk:
-    """Bits and the charge at every clock of one cell in `digits` decimal digits: the slow
-    reference.
+    """Return bits and the charge at every clock of one cell in `digits` decimal digits.
 
     `cell` has the keys of `Cells`; `vary` takes the place of its x clock by clock. The packets are
     kept as a list of intervals, and the walk stops at every instant where anything can change;

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Codes of a frame with effects in 50 digits: the network by nodal.py, the converter from clock to
-clock.
+"""Codes of a frame with effects in 50 digits: the network by nodal.py, the converter clock by clock.
 
 Slow and obvious on purpose; it shares only the records with the engines.
 """
