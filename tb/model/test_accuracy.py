@@ -37,7 +37,7 @@ def test_backward_euler_misses_the_gate(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", simulator.CIRCUITS)
 def test_every_method_of_a_circuit_has_a_name_of_its_own(name: str, quick: bool, tmp_path: Path) -> None:
     methods = list(simulator.converter_methods(name, tmp_path, quick))
-    assert len(methods) == len({simulator.row_name(method) for method in methods})
+    assert len(methods) == len({simulator.row_name(m.work, m.name, m.setting) for m in methods})
     bound = {"bound"} if name == simulator.NO_POLE else set()
     assert {m.name.split(",")[0].split(":")[0] for m in methods} == {"cosim", "peer"} | bound
 

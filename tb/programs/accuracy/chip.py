@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis accuracy-chip`: resolution of the chip against conversion time, and the energy of a
-conversion.
+"""`dermis accuracy-chip`: resolution of the chip against conversion time, and energy of a conversion.
 
 Every resolution is simulated: engine event reads random forces clock by clock with effects and
 seeded noise, a straight line removes gain and offset as a calibration would, and the rest is
@@ -9,14 +8,12 @@ compared with that of an ideal quantiser, a step / sqrt(12).
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import math
 import operator
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -52,26 +49,19 @@ SEEDS = (1, 2, 3)
 # Forces lie in this part of the range: errors of gain and pedestals must not saturate a code.
 RANGE = (0.002, 0.9)
 
-
-def _on(*names: str) -> dict[str, Any]:
-    return dict.fromkeys(names, True)
-
-
-NOISE = _on("comparator_noise", "metastability", "clock_jitter", "thermal_noise", "shot_noise", "ktc_noise")
-BENDS = _on("integrator_gain", "integrator_bandwidth", "comparator_offset", "comparator_hysteresis")
-BENDS |= _on("comparator_delay", "charge_packet", "preset_error", "mirror_ratio", "mirror_output")
-QUANTISED = "quantisation"
-FULL = "+ range switch"
-"""The curve with all effects."""
+QUANTISED, FULL = "quantisation", "+ range switch"
+"""The curves without an effect and with all of them."""
 _ADDED = {
-    QUANTISED: {},
-    "+ noise": NOISE,
-    "+ slow noise of the reference": _on("flicker_noise"),
-    "+ non-linearity of the converter": BENDS,
-    "+ settling of the mirror": _on("mirror_lag"),
-    FULL: _on("range_switch"),
+    QUANTISED: "",
+    "+ noise": "comparator_noise metastability clock_jitter thermal_noise shot_noise ktc_noise",
+    "+ slow noise of the reference": "flicker_noise",
+    "+ non-linearity of the converter": "integrator_gain integrator_bandwidth comparator_offset "
+    "comparator_hysteresis comparator_delay charge_packet preset_error mirror_ratio mirror_output",
+    "+ settling of the mirror": "mirror_lag",
+    FULL: "range_switch",
 }
-STEPS = dict(zip(_ADDED, itertools.accumulate(_ADDED.values(), operator.or_), strict=True))
+_ON = (dict.fromkeys(names.split(), True) for names in _ADDED.values())
+STEPS = dict(zip(_ADDED, itertools.accumulate(_ON, operator.or_), strict=True))
 """Effects of each curve; each adds to the one before."""
 
 
@@ -81,9 +71,7 @@ def bits_of(error: float) -> float:
 
 
 def gate_of(bits: int) -> int:
-    """Return the clocks in which full scale counts to the highest code of `bits`, whatever the
-    phase.
-    """
+    """Return the clocks in which full scale counts to the highest code of `bits` at any phase."""
     return 2 * (2**bits - 1)
 
 
@@ -107,9 +95,7 @@ class Point:
 
 
 def design_at(f_clk_hz: float) -> Design:
-    """Return the design at another clock; the capacitor keeps a packet at its voltage, as in
-    `dermis calc`.
-    """
+    """Return the design at another clock; the capacitor keeps the voltage of a packet."""
     base = design_module.load()
     slot_s = base.timing.slot_clocks / f_clk_hz
     return base.replace(
@@ -170,9 +156,11 @@ def measured(
     effects: Mapping[str, Any], gate_clocks: int, f_clk_hz: float = PAPER_HZ, seeds: Sequence[int] = SEEDS
 ) -> float:
     """Return bits: the median over seeds, each with its own forces and noise."""
-    duties = ((seed, random_duty(seed)) for seed in seeds)
-    plans = ((duty, plan_at(duty, effects, gate_clocks, f_clk_hz, seed)) for seed, duty in duties)
-    return statistics.median(judge(duty, counts(made)) for duty, made in plans)
+    duties = {seed: random_duty(seed) for seed in seeds}
+    return statistics.median(
+        judge(duty, counts(plan_at(duty, effects, gate_clocks, f_clk_hz, seed)))
+        for seed, duty in duties.items()
+    )
 
 
 # --- energy ----------------------------------------------------------------------------------------------------------
@@ -231,9 +219,7 @@ def energy_rows(paper: Point) -> list[verdict.Row]:
 
 
 def gate_points() -> list[Point]:
-    """Return resolution against gate length: each step at the paper's clock, all effects at the
-    others.
-    """
+    """Return resolution by gate length: each step at the paper's clock, all effects at the others."""
     asked = [(name, PAPER_HZ, n) for name in STEPS for n in BITS]
     asked += [(FULL, f, n) for f in CLOCKS_HZ if f != PAPER_HZ for n in BITS]
     return [
@@ -242,21 +228,22 @@ def gate_points() -> list[Point]:
     ]
 
 
+def curve_of(points: Sequence[Point], name: str, f_clk_hz: float) -> list[Point]:
+    """Return the points of a curve at a clock."""
+    return [p for p in points if (p.curve, p.f_clk_hz) == (name, f_clk_hz)]
+
+
 def waiting_ends(points: Sequence[Point], f_clk_hz: float) -> Point:
-    """Return the longest gate with all effects whose last doubling still gained a quarter of a
-    bit.
-    """
-    curve = [p for p in points if (p.curve, p.f_clk_hz) == (FULL, f_clk_hz)]
+    """Return the longest gate with all effects whose last doubling gained a quarter of a bit."""
+    curve = curve_of(points, FULL, f_clk_hz)
     short = (a for a, b in itertools.pairwise(curve) if b.bits < a.bits + 0.25)
     return next(short, curve[-1])
 
 
 def rows_of(gates: Sequence[Point]) -> list[verdict.Row]:
     """Return the results of the study, and its checks."""
-    name, paper = (
-        "accuracy_chip.",
-        {p.curve: p for p in gates if (p.gate_clocks, p.f_clk_hz) == (PAPER, PAPER_HZ)},
-    )
+    name = "accuracy_chip."
+    paper = {p.curve: p for p in gates if (p.gate_clocks, p.f_clk_hz) == (PAPER, PAPER_HZ)}
     # 512 random forces give their mean square to 4 %, 0.03 bit.
     rows = [
         verdict.within(f"{name}paper_point_bits.ideal", paper[QUANTISED].bits, "bits", 7.9, 8.1,
@@ -271,26 +258,19 @@ def rows_of(gates: Sequence[Point]) -> list[verdict.Row]:
 
 
 def draw(points: Sequence[Point], path: Path) -> None:
-    """Draw bits against gate length at the paper's clock, effect by effect, and against row time by
-    clock.
-    """
+    """Draw bits against gate length at the paper's clock by effect, and against row time by clock."""
     figure = Figure(figsize=(15, 5.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     for curve in STEPS:
-        own = [p for p in points if (p.curve, p.f_clk_hz) == (curve, PAPER_HZ)]
+        own = curve_of(points, curve, PAPER_HZ)
         left.plot([p.gate_clocks for p in own], [p.bits for p in own], "o-", ms=3, label=curve)
     left.set_xscale("log", base=2)
     left.set(xlabel="gate / clocks", title="Gate at 5 MHz, engine event, median of three seeds")
     for f in CLOCKS_HZ:
-        own = [p for p in points if (p.curve, p.f_clk_hz) == (FULL, f)]
-        right.plot(
-            [1e6 * p.slot_s for p in own], [p.bits for p in own], "o-", ms=3, label=f"{1e-6 * f:g} MHz"
-        )
-    right.set(
-        xscale="log",
-        title="All effects, by clock",
-        xlabel="time of one row / us: 23 us to settle and the gate",
-    )
+        own, label = curve_of(points, FULL, f), f"{1e-6 * f:g} MHz"
+        right.plot([1e6 * p.slot_s for p in own], [p.bits for p in own], "o-", ms=3, label=label)
+    x_label = "time of one row / us: 23 us to settle and the gate"
+    right.set(xscale="log", title="All effects, by clock", xlabel=x_label)
     for axes, x in ((left, PAPER), (right, 125)):
         axes.plot(x, PAPER_BITS, "*", markersize=15, label="the paper")
         axes.set(ylim=(2.5, 15.5), ylabel="effective resolution / bits")
@@ -302,11 +282,8 @@ def draw(points: Sequence[Point], path: Path) -> None:
 @click.command("accuracy-chip")
 def accuracy_chip_command() -> int:
     """Measure resolution against conversion time on the chip: rows, csv and figure in build/accuracy."""
-    gates, text = gate_points(), io.StringIO()
-    writer = csv.DictWriter(text, list(asdict(gates[0])), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(point) for point in gates)
-    write_atomic(simulator.OUT / "chip_gate.csv", text.getvalue())
+    gates = gate_points()
+    write_atomic(simulator.OUT / "chip_gate.csv", simulator.points_csv(gates))
     draw(gates, simulator.OUT / "chip_resolution.png")
     rows = rows_of(gates)
     verdict.write_rows("accuracy_chip", rows)

@@ -28,7 +28,7 @@ import numpy as np
 
 from dermis import effects, engines
 from dermis.array import array
-from dermis.chip import hdl
+from dermis.chip import hdl, netlist
 from dermis.engines import cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.places import ROOT
@@ -131,22 +131,17 @@ def speed_rows(m: Measurements) -> Iterator[Row]:
 
 
 def loop_rows(m: Measurements) -> Iterator[Row]:
-    """Measure what Verilog and loop add to ngspice alone, in processor time of one process after the
-    other.
-    """
+    """Measure what Verilog and loop add to ngspice alone, in processor time, one after the other."""
     made = random_plan(m.work, 1, "cosim")
-    frame = circuits.LoopJob(made.timing, made.cols, circuits.frame_deck, (made,))
-    converter = circuits.LoopJob(LONG_CIRCUIT.timing, 1, circuits.converter_deck, (LONG_CIRCUIT,), True)
+    frame = LoopJob(made.timing, made.cols, functools.partial(netlist.frame_deck, made, 0))
+    converter = LoopJob(LONG_CIRCUIT.timing, 1, functools.partial(circuits.deck, LONG_CIRCUIT), True)
     builds = {frame: hdl.reader_parameters(made, False), converter: LONG_CIRCUIT.parameters}
     found: dict[tuple[LoopJob, str], list[float]] = {}
     for _ in range(m.repeat):
         for job, parameters in builds.items():
             for simulator in (ICARUS, VERILATOR):
-                where = m.place()
-                where.mkdir()
-                build = hdl.build(simulator, "dermis_top", parameters)
-                cpu_s, alone_s = circuits.in_simulator(
-                    circuits.loop_cpu_s, job, simulator, build, "dermis_top", where, RUN_LIMIT_S
+                cpu_s, alone_s = circuits.in_top(
+                    circuits.loop_cpu_s, job, simulator, parameters, m.place(), RUN_LIMIT_S
                 )
                 found.setdefault((job, simulator), []).append(cpu_s / alone_s)
     for simulator in (ICARUS, VERILATOR):
@@ -226,9 +221,7 @@ def frame_rows(m: Measurements) -> Iterator[Row]:
 
 
 def all_effects(engine: str, work: Path) -> tuple[dict[str, bool], list[str]]:
-    """Return the effects that an engine honours with their physical defaults, and the names it
-    refuses.
-    """
+    """Return the effects an engine honours with their physical defaults, and names it refuses."""
     # event refuses `return` together with line_capacitance
     names = [name for name in effects.EFFECTS if name != "return"]
     probe = random_plan(work, 1, engine, **dict.fromkeys(names, True))
@@ -313,9 +306,7 @@ BADCROSSBAR_ROWS = (
 
 
 def badcrossbar_rows(m: Measurements) -> Iterator[Row]:
-    """Solve the same frame with distributed lines, every row in turn, by badcrossbar and by our
-    solver, in pairs.
-    """
+    """Solve a frame with distributed lines, row by row, by badcrossbar and by our solver in pairs."""
     if reason := peers.missing("badcrossbar"):
         yield from (verdict.skip(name, reason) for name in BADCROSSBAR_ROWS)
         return
@@ -350,9 +341,7 @@ def exponent_rows(m: Measurements) -> Iterator[Row]:
 
 
 def _solve_s(work: Path, size: int, repeat: int, on: dict[str, Any]) -> float:
-    """Return the processor time per frame of the array solve, with the batch size of engine
-    closed.
-    """
+    """Return the processor time per frame of the array solve in batches as of engine closed."""
     frames = max(1, (1 << 15) // size**2)
     made = random_plan(work, frames, "closed", size, **on)
     solve = functools.partial(array.column_currents, made.network(0), made.conductance_s())

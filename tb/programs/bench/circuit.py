@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One converter: dermis_top with one column in lock-step with a circuit whose exact solution is
-known.
+"""One converter: dermis_top with one column in lock-step with a circuit of known solution.
 
 The HDL simulator loads this module again as the cocotb test.
 """
@@ -28,14 +27,15 @@ from dermis.converter.vfc import count_rational
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.lockstep import clock_loop
-from dermis.lockstep.half import Edge
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
-from dermis.records import Plan, Timing
+from dermis.records import Timing
 from scripts import workers
 
 Floats = NDArray[np.float64]
 
 JOB_VARIABLE = "DERMIS_BENCH_JOB"
+
+T_EDGE_S = 1e-9
 
 CHARGE = 2
 """Number of the charge source in a deck with one row and one column."""
@@ -57,7 +57,7 @@ class Circuit:
     i0_a: float = 1e-6
     c_int_f: float = 10e-12
     f_clk_hz: float = 1e6
-    t_edge_s: float = 1e-9
+    t_edge_s: float = T_EDGE_S
     settle_clocks: int = 8
     gate_clocks: int = 1000
     t_gbw_s: float = 0.0
@@ -115,9 +115,7 @@ class Circuit:
 
 
 def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) -> list[str]:
-    """Return the netlist of the converter in our blocks: nodes d_charge, d_hold in; comp0,
-    xvfc.v_int out.
-    """
+    """Return the converter in our blocks: nodes d_charge and d_hold in, comp0 and xvfc.v_int out."""
     values = {
         "i0_a": circuit.i0_a,
         "c_int_f": circuit.c_int_f,
@@ -140,9 +138,7 @@ def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) 
 
 
 def start_lines(circuit: Circuit) -> list[str]:
-    """Return the replacement of the preset: no hold, and the integrator's voltage as initial
-    condition (for `uic`).
-    """
+    """Return no preset but an initial condition of the integrator (for `uic`)."""
     start = spice_number(circuit.v_start_v)
     lines = ["vhold d_hold 0 0", f".ic v(xvfc.v_int)={start}"]
     if circuit.t_gbw_s:
@@ -167,8 +163,7 @@ def deck(
 
 @mp.workdps(50)
 def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -> Floats:
-    """Return the integrator voltage at the clocks 0, 1, ... of the exact solution, in 50
-    digits.
+    """Return the integrator voltage at the clocks 0, 1, ... of the exact solution, in 50 digits.
 
     Parameters
     ----------
@@ -259,17 +254,15 @@ class Run:
     error_v: float = math.nan
 
 
-class _Watched(NgspiceHalf):
-    """An analog half that measures the time from its start to its end."""
+class TimedHalf(NgspiceHalf):
+    """ngspice at time 0, which measures the time from there to its end."""
 
-    def __init__(self, job: Job, where: Path, levels: Sequence[float]) -> None:
+    def __init__(
+        self, deck: Deck, timing: Timing, log: Path, t_max_step_s: float = 1e-6, use_ic: bool = True
+    ) -> None:
+        t_stop_s = bridge.analog_s(timing)
         super().__init__(
-            deck(job.circuit, levels, job.packet_error, job.options),
-            t_edge_s=job.circuit.t_edge_s,
-            t_max_step_s=job.t_max_step_s,
-            t_stop_s=bridge.analog_s(job.circuit.timing),
-            log=where / "ngspice.log",
-            use_ic=True,
+            deck, t_edge_s=T_EDGE_S, t_max_step_s=t_max_step_s, t_stop_s=t_stop_s, log=log, use_ic=use_ic
         )
         self.advance(0.0, [])
         self._start = time.perf_counter(), time.process_time()
@@ -283,8 +276,9 @@ class _Watched(NgspiceHalf):
 async def _frame(dut: Any, job: Job, where: Path) -> Run:
     circuit, halves = job.circuit, []
 
-    def make_half(frame: int, levels: list[float]) -> _Watched:
-        halves.append(_Watched(job, where, levels))
+    def make_half(frame: int, levels: list[float]) -> TimedHalf:
+        made = deck(circuit, levels, job.packet_error, job.options)
+        halves.append(TimedHalf(made, circuit.timing, where / "ngspice.log", job.t_max_step_s))
         return halves[-1]
 
     chip = bridge.Bridge(dut, circuit.timing, 1, trace=job.keep, samples=2 if job.keep else 0)
@@ -301,78 +295,39 @@ async def _frame(dut: Any, job: Job, where: Path) -> Run:
 class LoopJob:
     """One frame with Verilog and ngspice, and then ngspice alone on the edges that it made.
 
-    `make_deck` is called with the levels of the sources and more arguments.
+    `make_deck` is called with the levels of the sources.
     """
 
     timing: Timing
     cols: int
-    make_deck: Callable[..., Deck]
-    arguments: tuple[Any, ...] = ()
+    make_deck: Callable[[Sequence[float]], Deck]
     use_ic: bool = False
-
-
-def frame_deck(levels: list[float], plan: Plan) -> Deck:
-    """Return the deck of a plan's first frame."""
-    return netlist.frame_deck(plan, 0, levels)
-
-
-def converter_deck(levels: list[float], circuit: Circuit) -> Deck:
-    """Return the deck of one converter."""
-    return deck(circuit, levels)
 
 
 async def loop_cpu_s(dut: Any, job: LoopJob, where: Path) -> tuple[float, float]:
     """Return the processor time of the frame, and that of ngspice alone, from time 0 to the end."""
-    timing, t_clk = job.timing, 1.0 / job.timing.f_clk_hz
-    start, levels, times = 0.0, [], []
+    timing, t_clk, halves = job.timing, 1.0 / job.timing.f_clk_hz, []
 
-    def half() -> NgspiceHalf:
-        made = NgspiceHalf(
-            job.make_deck(levels, *job.arguments),
-            t_edge_s=1e-9,
-            t_max_step_s=1e-6,
-            t_stop_s=bridge.analog_s(timing),
-            log=where / "ngspice.log",
-            use_ic=job.use_ic,
-        )
-        made.advance(0.0, [])
-        close = made.close
-
-        def closed() -> None:
-            times.append(time.process_time() - start)
-            close()
-
-        made.close = closed
-        return made
-
-    def first(frame: int, found: list[float]) -> NgspiceHalf:
-        nonlocal start, levels
-        levels = found
-        made = half()
-        start = time.process_time()
+    def make_half(frame: int, levels: list[float]) -> TimedHalf:
+        made = TimedHalf(job.make_deck(levels), timing, where / "ngspice.log", use_ic=job.use_ic)
+        halves.append((made, levels))
         return made
 
     chip = bridge.Bridge(dut, timing, job.cols, trace=True)
-    await chip.run(1, first)
+    await chip.run(1, make_half)
+    [(frame, levels)] = halves
     trace, at = chip.trace, chip.trace.begins[0]
-    old = [int(level) for level in levels]
-    clocks: list[list[Edge]] = [[]]
     nets = (trace.row_select, timing.rows), (trace.preset, 1), (trace.charge, job.cols)
-    for clock in range(len(trace.charge) - at - 1):
-        new = [bits[at + clock] >> bit & 1 for bits, width in nets for bit in range(width)]
-        clocks.append(
-            [
-                ((clock + 1) * t_clk, i, float(b))
-                for i, (a, b) in enumerate(zip(old, new, strict=True))
-                if a != b
-            ]
-        )
+    old, clocks = [int(level) for level in levels], [[]]
+    for clock in range(1, len(trace.charge) - at):
+        new = [bits[at + clock - 1] >> bit & 1 for bits, width in nets for bit in range(width)]
+        moved = [i for i, level in enumerate(new) if level != old[i]]
+        clocks.append([(clock * t_clk, i, float(new[i])) for i in moved])
         old = new
-    alone = half()
-    start = time.process_time()
+    alone = make_half(0, levels)
     clock_loop.replay(alone, t_clk, clocks)
     alone.close()
-    return times[0], times[1]
+    return frame.cpu_seconds, alone.cpu_seconds
 
 
 if JOB_VARIABLE in os.environ:
@@ -412,11 +367,23 @@ def in_simulator(
     return value
 
 
+def in_top(
+    test: Callable[..., Any],
+    job: Any,
+    simulator: str,
+    parameters: dict[str, int],
+    where: Path,
+    limit_s: float,
+) -> Any:
+    """Return the value of `test(dut, job, where)` on dermis_top, in a new directory, as `in_simulator`."""
+    where.mkdir(parents=True)
+    build = hdl.build(simulator, "dermis_top", parameters)
+    return in_simulator(test, job, simulator, build, "dermis_top", where, limit_s)
+
+
 def measure(job: Job, where: Path, limit_s: float) -> Run:
     """Run a job in a new directory; raise SimulatorError as `in_simulator` does."""
-    where.mkdir(parents=True)
-    build = hdl.build(job.simulator, "dermis_top", job.circuit.parameters)
-    return in_simulator(_frame, job, job.simulator, build, "dermis_top", where, limit_s)
+    return in_top(_frame, job, job.simulator, job.circuit.parameters, where, limit_s)
 
 
 def in_process(function: Callable[..., Any], *arguments: Any, limit_s: float) -> Any:

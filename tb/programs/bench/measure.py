@@ -56,9 +56,7 @@ def busy_row(name: str) -> Row:
 
 
 def random_plan(work: Path, frames: int, engine: str, size: int | None = None, **effects_on: Any) -> Plan:
-    """Return frames of resistances spread evenly in log R over the sensor's range, always the same
-    ones.
-    """
+    """Return frames of resistances even in log R over the sensor's range, always the same ones."""
     design = load_design()
     low, high = math.log(design.sensor.r_min_ohm), math.log(design.sensor.r_max_ohm)
     rows, cols = (size, size) if size else (design.array.rows, design.array.cols)
