@@ -21,10 +21,7 @@ SHORT: Duty = (10**6, 1)
 class Synchronizer:
     """The two flip-flops of a column: a decision gates a packet one clock later, never twice in a row.
 
-    Attributes
-    ----------
-    bit, charge : bool, or array of bool, one a column
-        Outputs of the first and the second flip-flop.
+    `bit` and `charge` are the outputs of the first and the second one: bool, or an array, one a column.
     """
 
     def __init__(self, bit: Any = False) -> None:
@@ -37,17 +34,7 @@ class Synchronizer:
 
 
 def ones(x: Duty, gate_clocks: int, w_preset: Duty = (-1, 2)) -> list[int]:
-    """Decisions of one gate, one a clock, by the recursion itself.
-
-    Parameters
-    ----------
-    x : (int, int)
-        Duty p/q, in packets a clock.
-    gate_clocks : int
-        Number of samples.
-    w_preset : (int, int)
-        Stored charge at t0, in packets.
-    """
+    """Return the decisions of one gate, by the recursion itself, from a charge `w_preset` in packets."""
     packet = lcm(x[1], w_preset[1])
     step = x[0] * (packet // x[1])
     w = w_preset[0] * (packet // w_preset[1]) + step
@@ -79,10 +66,8 @@ class AnalogColumns:
 
     Parameters
     ----------
-    x : [rows][cols] of (int, int)
-        Duty of each taxel.
-    w_preset : [cols] of (int, int), optional
-        Stored charge the preset forces, in packets; -1/2 by default.
+    x : duties [rows][cols]
+    w_preset : charge [cols] that the preset forces, in packets; -1/2 by default
     open_columns : columns whose currents do not arrive
     shorted_columns : pairs of columns that share their currents equally
     """

@@ -53,15 +53,9 @@ def bounded(network: Network) -> list[tuple[Any, Any]]:
 def column_currents(
     network: Network, digits: int = 60, slots: Sequence[int] | None = None
 ) -> NDArray[np.float64]:
-    """Return column currents of some slots, [slots, cols] in ampere (all of them: [rows, cols]).
+    """Return column currents of some slots (driven rows), by default all, [slots, cols] in ampere.
 
-    Parameters
-    ----------
-    network : Network
-    digits : int
-        Decimal digits; 0 for exact fractions, which grow with the number of nodes: a dozen are quick.
-    slots : sequence of int, optional
-        The driven rows.
+    With `digits` 0 they are exact fractions, which grow with the number of nodes: a dozen are quick.
     """
     places = range(network.rows) if slots is None else slots
     out = np.empty((len(places), network.cols))
