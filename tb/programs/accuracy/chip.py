@@ -33,17 +33,15 @@ from dermis.report.figures import save
 from dermis.scene import design as design_module
 from dermis.scene import scene
 from dermis.scene.design import Design
+from scripts import judged
 from tb.programs.accuracy import simulator
 
 Floats = NDArray[np.float64]
 
-HALF = 0.5
-"""Duty at full force."""
-SETTLE_S = 23e-6
-"""Settling time of the paper's slot: 115 clocks at 5 MHz."""
+HALF = 0.5  # duty at full force
+SETTLE_S = 23e-6  # settling time of the paper's slot: 115 clocks at 5 MHz
 PAPER_BITS, PAPER_HZ = 8, 5e6
-BITS = range(3, 16)
-"""Bits of a code, for gates of 2 (2^n - 1) clocks, 14 to 65534."""
+BITS = range(3, 16)  # bits of a code, for gates of 2 (2^n - 1) clocks, 14 to 65534
 CLOCKS_HZ = (1e6, 2e6, 5e6, 10e6, 20e6, 50e6)
 SEEDS = (1, 2, 3)
 # Forces lie in this part of the range: errors of gain and pedestals must not saturate a code.
@@ -75,8 +73,7 @@ def gate_of(bits: int) -> int:
     return 2 * (2**bits - 1)
 
 
-PAPER = gate_of(PAPER_BITS)
-"""Clocks of the paper's gate."""
+PAPER = gate_of(PAPER_BITS)  # clocks of the paper's gate
 
 
 @dataclass(frozen=True)
@@ -107,13 +104,7 @@ def design_at(f_clk_hz: float) -> Design:
 def plan_at(
     duty: Floats, effects: Mapping[str, Any], gate_clocks: int, f_clk_hz: float = PAPER_HZ, seed: int = 0
 ) -> Plan:
-    """Return a plan that reads ideal duties [frames, rows, cols] with any gate.
-
-    Raises
-    ------
-    ValueError
-        A gate beyond the 16 bits of the chip's register.
-    """
+    """Return a plan that reads ideal duties [frames, rows, cols]; ValueError for a gate beyond 16 bits."""
     if not 1 <= gate_clocks <= LONGEST_GATE:
         raise ValueError(f"a gate of {gate_clocks} clocks, allowed 1..{LONGEST_GATE}")
     rows, cols = duty.shape[-2:]
@@ -170,14 +161,9 @@ SUPPLY_QUANTITY = "supply_channel_a.conveyor_mirror"
 
 
 def channel_current_a() -> float:
-    """Measure the supply current of a channel by the bench of `dermis characterise`, in ngspice.
+    """Measure the supply current of a channel, in ampere, by the bench of `dermis characterise` in ngspice.
 
-    Raises
-    ------
-    SimulatorError
-        The measurement in ngspice failed.
-    InputError
-        The transistor models are not installed.
+    Raises SimulatorError if ngspice fails, InputError without the transistor models.
     """
     from scripts.characterise import benches, runs
 
@@ -188,9 +174,8 @@ def channel_current_a() -> float:
 def energy_j(slot_s: float, channel_a: float, duty: float = 0.25) -> float:
     """Return the energy of one conversion in joule, delivered by both supplies through a slot.
 
-    It adds the sensor's current, its copy through the mirror and the reference i0 of the charge
-    source, as design.toml declares them, and `channel_a`, the current of a channel from vdd without
-    a signal.
+    It adds the sensor's current, its copy through the mirror, the reference i0 of the charge source, and
+    `channel_a`, the current of a channel from vdd without a signal.
     """
     d = design_module.load()
     i_taxel = duty * d.interface.k * d.converter.i0_a
@@ -286,6 +271,4 @@ def accuracy_chip_command() -> int:
     write_atomic(simulator.OUT / "chip_gate.csv", simulator.points_csv(gates))
     draw(gates, simulator.OUT / "chip_resolution.png")
     rows = rows_of(gates)
-    verdict.write_rows("accuracy_chip", rows)
-    verdict.print_rows(rows, "Conversion time against resolution")
-    return verdict.exit_code(rows)
+    return judged.finish("accuracy_chip", rows, "Conversion time against resolution")

@@ -24,7 +24,6 @@ from typing import Any
 import click
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from dermis import engines
 from dermis.chip import netlist
@@ -32,7 +31,6 @@ from dermis.effects import AutoTable
 from dermis.engines import cosim
 from dermis.errors import DermisError, SimulatorError
 from dermis.files import write_atomic
-from dermis.lockstep.half import Edge
 from dermis.places import BUILD
 from dermis.processes import cpu_time
 from dermis.records import Plan
@@ -41,10 +39,9 @@ from dermis.report.figures import COLOURS, GREY, save
 from dermis.report.verdict import Row
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench import peers
-from tb.programs.bench.circuit import CHARGE, Circuit, Job
+from tb.programs.bench.circuit import Circuit, Job
 from tb.programs.bench.measure import busy_row, cpu_once, random_plan
 from tb.reference import frame as reference
-from tb.reference.chip import Synchronizer
 
 OUT = BUILD / "accuracy"
 FRAMES = "frames, eight effects"
@@ -154,8 +151,7 @@ def _cosim(simulator: str, step_s: float, options: str, circuit: Circuit, where:
 
 def _alone(circuit: Circuit, where: Path) -> Found:
     """Time ngspice alone on the edges of a run before it; its error is that of the run, not measured here."""
-    job = circuits.LoopJob(circuit.timing, 1, partial(circuits.deck, circuit), use_ic=True)
-    _, seconds = circuits.in_top(circuits.loop_cpu_s, job, "verilator", circuit.parameters, where, LIMIT_S)
+    _, seconds = circuits.loop_cpu_s(circuits.converter_loop(circuit), where, LIMIT_S)
     return 0.0, 0.0, seconds / circuit.clocks
 
 
@@ -197,9 +193,8 @@ def converter_methods(work: str, where: Path, quick: bool) -> Iterator[Method]:
     if work == NO_POLE:
         yield method(ALONE, "edges of cosim, step 1e-06 s", _alone)
     # XSPICE takes the options with truncation control too; they make its errors larger.
-    for (words, options), step in itertools.product(
-        {"": EXACT, ", controlled": CONTROLLED}.items(), steps[::2]
-    ):
+    kinds = {"": EXACT, ", controlled": CONTROLLED}
+    for (words, options), step in itertools.product(kinds.items(), steps[::2]):
         setting = f"trap, step {step:g} s{words}"
         yield method("peer: ngspice XSPICE", setting, _peer, peers.xspice, step, options)
     for (peer, program), step in itertools.product(peers.GUESTS.items(), steps[::2]):
@@ -211,32 +206,12 @@ ORDER_STEPS_S = (100e-9, 50e-9, 25e-9, 12.5e-9)
 ORDER_CLOCKS = 60
 
 
-def loop_error_v(circuit: Circuit, step_s: float, options: str, log: Path) -> float:
-    """Return the largest error at the clock edges of the converter closed over its two flip-flops."""
-    half = circuits.TimedHalf(circuits.deck(circuit, options=options), circuit.timing, log, step_s)
-    edges: list[Edge] = []
-    flops, told, voltage = Synchronizer(), [], [math.nan]
-    for clock in range(1, circuit.clocks + 1):
-        now, before = clock / circuit.f_clk_hz, flops.charge
-        comparator, v_int = half.advance(now, edges)
-        voltage.append(v_int)
-        flops.clock(bool(comparator > 0.0) and clock > circuit.settle_clocks)
-        edges = [(now, CHARGE, float(flops.charge))] if flops.charge != before else []
-        told.append(flops.charge)
-    half.close()
-    return circuits.edge_error_v(circuit, np.array(voltage), np.array(told, dtype=int))
-
-
-def order_row(work: Path, options: str = EXACT) -> Row:
+def order_row(work: Path, options: str = EXACT, steps_s: Sequence[float] = ORDER_STEPS_S) -> Row:
     """Judge the order of convergence of the closed loop with an amplifier pole."""
     circuit = replace(CIRCUITS[POLE], gate_clocks=ORDER_CLOCKS)
-    errors = [
-        # A process each: libngspice holds one circuit.
-        circuits.in_process(loop_error_v, circuit, step_s, options, work / "ngspice.log", limit_s=LIMIT_S)
-        for step_s in ORDER_STEPS_S
-    ]
-    found = (np.diff(np.log(errors)) / np.diff(np.log(ORDER_STEPS_S))).tolist()
-    told = ", ".join(f"{e:.3g} V at {h:g} s" for e, h in zip(errors, ORDER_STEPS_S, strict=True))
+    errors = [_cosim("icarus", h, options, circuit, work / f"order_{n}")[0] for n, h in enumerate(steps_s)]
+    found = (np.diff(np.log(errors)) / np.diff(np.log(steps_s))).tolist()
+    told = ", ".join(f"{e:.3g} V at {h:g} s" for e, h in zip(errors, steps_s, strict=True))
     note = f"least of {', '.join(f'{order:.3f}' for order in found)}; {told}"
     return verdict.judge("accuracy.order", min(found), note)
 
@@ -265,14 +240,10 @@ SOLVERS = {
 _MANY = 64
 
 
-def frame_methods(work: Path, quick: bool) -> Iterator[Method]:
+def frame_methods(quick: bool) -> Iterator[Method]:
     """Yield every engine and setting."""
-    many, bare = random_plan(work, _MANY, "event", **EFFECTS), random_plan(work, _MANY, "closed")
-
-    @cache
-    def truth() -> NDArray[np.int64]:
-        """Return the codes of the reference; 50 digits take 0.1 s a conversion."""
-        return reference.codes(many)
+    many, bare = random_plan(_MANY, "event", **EFFECTS), random_plan(_MANY, "closed")
+    truth = cache(partial(reference.codes, many))  # 50 digits take 0.1 s a conversion
 
     def method(name: str, setting: str, made: Plan, slow: bool = False, **options: Any) -> Method:
         def run() -> Found:
@@ -415,7 +386,7 @@ def accuracy_command(quick: bool, only: str | None) -> int:
             missing = {peer: peers.missing(peer) for peer in peers.GUESTS}
             rows += [verdict.skip(f"accuracy.peer.{peer}", why) for peer, why in missing.items() if why]
         if only in (None, "frames"):
-            methods += frame_methods(Path(scratch) / "frames", quick)
+            methods += frame_methods(quick)
         points, failed = measure(methods, 1 if quick else 3)
         rows += [*failed, *ratios(points)]
     for name, file in FILES.items():

@@ -14,6 +14,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,9 +37,6 @@ Floats = NDArray[np.float64]
 JOB_VARIABLE = "DERMIS_BENCH_JOB"
 
 T_EDGE_S = 1e-9
-
-CHARGE = 2
-"""Number of the charge source in a deck with one row and one column."""
 
 # The decks of the peers have the same line, which does not harm them.
 OPTIONS = netlist.options(pole=False)
@@ -65,15 +63,8 @@ class Circuit:
     @property
     def timing(self) -> Timing:
         """One row slot; the counter has 12 bits, so it never saturates."""
-        return Timing(
-            f_clk_hz=self.f_clk_hz,
-            slot_clocks=1 + self.clocks,
-            settle_clocks=1 + self.settle_clocks,
-            gate_clocks=self.gate_clocks,
-            code_max=2**12 - 1,
-            rows=1,
-            break_clocks=1,
-        )
+        clocks = 1 + self.clocks, 1 + self.settle_clocks, self.gate_clocks
+        return Timing(self.f_clk_hz, *clocks, 2**12 - 1, rows=1, break_clocks=1)
 
     @property
     def clocks(self) -> int:
@@ -83,15 +74,8 @@ class Circuit:
     @property
     def parameters(self) -> dict[str, int]:
         """Parameters of dermis_top."""
-        return {
-            "ROWS": 1,
-            "COLS": 1,
-            "CODE_BITS": 12,
-            "GATE_CLOCKS": self.gate_clocks,
-            "SETTLE_CLOCKS": 1 + self.settle_clocks,
-            "BREAK_CLOCKS": 1,
-            "SYNC_LATCH": 0,
-        }
+        clocks = {"GATE_CLOCKS": self.gate_clocks, "SETTLE_CLOCKS": 1 + self.settle_clocks}
+        return {"ROWS": 1, "COLS": 1, "CODE_BITS": 12, "BREAK_CLOCKS": 1, "SYNC_LATCH": 0} | clocks
 
     @property
     def packet_v(self) -> float:
@@ -116,12 +100,8 @@ class Circuit:
 
 def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) -> list[str]:
     """Return the converter in our blocks: nodes d_charge and d_hold in, comp0 and xvfc.v_int out."""
-    values = {
-        "i0_a": circuit.i0_a,
-        "c_int_f": circuit.c_int_f,
-        "v_preset_v": 0.5 * circuit.packet_v,
-        "packet_error": packet_error,
-    }
+    values = {"i0_a": circuit.i0_a, "c_int_f": circuit.c_int_f}
+    values |= {"v_preset_v": 0.5 * circuit.packet_v, "packet_error": packet_error}
     if circuit.t_gbw_s:
         values["int_t_gbw_s"] = circuit.t_gbw_s
     return [
@@ -165,17 +145,9 @@ def deck(
 def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -> Floats:
     """Return the integrator voltage at the clocks 0, 1, ... of the exact solution, in 50 digits.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    charge : array_like of 0 and 1
-        State of the charge switch at each clock; it was off before. A switch that changes at
-        clock n moves on a straight line between n T and n T + t_edge.
-    late_s : float
-        Delay of that line after the clock, for a bridge with a known delay.
+    `charge` has 1 where the charge switch is on, clock by clock; it was off before. A switch that changes
+    at clock n moves on a straight line from n T + `late_s` on, for `t_edge_s`.
 
-    Notes
-    -----
     The voltage u without the pole is a parabola u = a + b s + c s^2 while the charge switch moves, and a
     straight line elsewhere. With the pole t v' = u - v, so v = p(s) + (v(0) - p(0)) exp(-s / t) with
     p = u - t u' + t^2 u''.
@@ -205,13 +177,7 @@ def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -
 def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> float:
     """Return the largest |voltage - exact| over the clock edges after the start.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    voltage : ndarray
-        Integrator at clocks 0, 1, ... to the end; values before the start are ignored.
-    charge : ndarray
-        State of the charge switch at clocks 1, 2, ... to the end.
+    `voltage` is that of the integrator at clocks 0, 1, ..., `charge` the switch at clocks 1, 2, ... to the end.
     """
     told = np.concatenate([[0], charge])[:-1]
     if voltage.shape != (told.size + 1,) or told.size < 1:
@@ -224,46 +190,36 @@ def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> flo
 
 @dataclass(frozen=True)
 class Job:
-    """One run of the circuit.
-
-    `keep` returns the bits and the error at the bridge; `options` is the deck's line of options.
-    `packet_error` is a seeded fault for a test: packets in ngspice are too large.
-    """
+    """One run of the circuit."""
 
     circuit: Circuit
     t_max_step_s: float = 1e-6
     simulator: str = "icarus"
-    keep: bool = False
-    options: str = OPTIONS
-    packet_error: float = 0.0
+    keep: bool = False  # the bits, and the error at the bridge
+    options: str = OPTIONS  # line of the deck
+    packet_error: float = 0.0  # seeded fault of a test: packets in ngspice are too large
 
 
 @dataclass(frozen=True)
 class Run:
-    """Result of a job; bits and error only if the job keeps them.
-
-    Rate and processor time count from the first instant of the circuit to its last; `charge` is the
-    state of the charge switch at clocks 1, 2, ...
-    """
+    """Result of a job."""
 
     code: int
     miscount: int
-    rate: float
+    rate: float  # clocks a second, from the first instant of the circuit to its last
     cpu_per_clock_s: float
-    charge: NDArray[Any] | None = None
-    error_v: float = math.nan
+    charge: NDArray[Any] | None = None  # charge switch at clocks 1, 2, ..., if the job keeps it
+    error_v: float = math.nan  # the same
 
 
 class TimedHalf(NgspiceHalf):
     """ngspice at time 0, which measures the time from there to its end."""
 
     def __init__(
-        self, deck: Deck, timing: Timing, log: Path, t_max_step_s: float = 1e-6, use_ic: bool = True
+        self, deck: Deck, timing: Timing, log: Path, step_s: float = 1e-6, use_ic: bool = True
     ) -> None:
-        t_stop_s = bridge.analog_s(timing)
-        super().__init__(
-            deck, t_edge_s=T_EDGE_S, t_max_step_s=t_max_step_s, t_stop_s=t_stop_s, log=log, use_ic=use_ic
-        )
+        times = {"t_edge_s": T_EDGE_S, "t_max_step_s": step_s, "t_stop_s": bridge.analog_s(timing)}
+        super().__init__(deck, **times, log=log, use_ic=use_ic)
         self.advance(0.0, [])
         self._start = time.perf_counter(), time.process_time()
 
@@ -300,12 +256,18 @@ class LoopJob:
 
     timing: Timing
     cols: int
+    parameters: dict[str, int]  # of dermis_top
     make_deck: Callable[[Sequence[float]], Deck]
     use_ic: bool = False
+    simulator: str = "verilator"
 
 
-async def loop_cpu_s(dut: Any, job: LoopJob, where: Path) -> tuple[float, float]:
-    """Return the processor time of the frame, and that of ngspice alone, from time 0 to the end."""
+def converter_loop(circuit: Circuit) -> LoopJob:
+    """Return the loop of one converter."""
+    return LoopJob(circuit.timing, 1, circuit.parameters, partial(deck, circuit), True)
+
+
+async def _loop(dut: Any, job: LoopJob, where: Path) -> tuple[float, float]:
     timing, t_clk, halves = job.timing, 1.0 / job.timing.f_clk_hz, []
 
     def make_half(frame: int, levels: list[float]) -> TimedHalf:
@@ -351,10 +313,7 @@ def in_simulator(
 ) -> Any:
     """Return the value of the coroutine `test(dut, job, where)`, awaited in an HDL simulator.
 
-    Raises
-    ------
-    SimulatorError
-        It failed, took longer than `limit_s` or left no result.
+    Raises SimulatorError if it failed, took longer than `limit_s` or left no result.
     """
     (where / "job.pickle").write_bytes(pickle.dumps((test, job)))
     hdl.run_cocotb(simulator, build, top, __name__, where, {JOB_VARIABLE: str(where)}, limit_s=limit_s)
@@ -367,33 +326,24 @@ def in_simulator(
     return value
 
 
-def in_top(
-    test: Callable[..., Any],
-    job: Any,
-    simulator: str,
-    parameters: dict[str, int],
-    where: Path,
-    limit_s: float,
-) -> Any:
-    """Return the value of `test(dut, job, where)` on dermis_top, in a new directory, as `in_simulator`."""
+def _in_top(test: Callable[..., Any], job: Any, parameters: Any, where: Path, limit_s: float) -> Any:
     where.mkdir(parents=True)
-    build = hdl.build(simulator, "dermis_top", parameters)
-    return in_simulator(test, job, simulator, build, "dermis_top", where, limit_s)
+    build = hdl.build(job.simulator, "dermis_top", parameters)
+    return in_simulator(test, job, job.simulator, build, "dermis_top", where, limit_s)
 
 
 def measure(job: Job, where: Path, limit_s: float) -> Run:
     """Run a job in a new directory; raise SimulatorError as `in_simulator` does."""
-    return in_top(_frame, job, job.simulator, job.circuit.parameters, where, limit_s)
+    return _in_top(_frame, job, job.circuit.parameters, where, limit_s)
+
+
+def loop_cpu_s(job: LoopJob, where: Path, limit_s: float) -> tuple[float, float]:
+    """Return the processor time of a frame and that of ngspice alone, from time 0 to the end."""
+    return _in_top(_loop, job, job.parameters, where, limit_s)
 
 
 def in_process(function: Callable[..., Any], *arguments: Any, limit_s: float) -> Any:
-    """Call a function in a process of its own and return its value.
-
-    Raises
-    ------
-    SimulatorError
-        It failed, or took longer than `limit_s` and was ended with all that it started.
-    """
+    """Return the value of a function in a process of its own; SimulatorError if it failed or took too long."""
     [(_, outcome)] = workers.run([workers.Task(function, arguments, limit_s)], 1)
     if outcome.fault:
         raise SimulatorError(outcome.fault)
