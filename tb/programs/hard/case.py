@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-LIMIT_S = 120.0
-"""Time limit of a run; the slowest build, of Verilator, takes 20 s on an idle core."""
+LIMIT_S = 120.0  # time limit of a run; the slowest build, of Verilator, takes 20 s on an idle core
 
 
 @dataclass(frozen=True)

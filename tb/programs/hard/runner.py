@@ -29,13 +29,7 @@ def all_cases() -> list[Case]:
 
 
 def chosen(words: Sequence[str], short: bool) -> list[Case]:
-    """Return cases whose group or name has one of the words; with `short` those without slow runs.
-
-    Raises
-    ------
-    InputError
-        There is none.
-    """
+    """Return cases whose group or name has one of the words, short ones without slow runs; InputError for none."""
     found = []
     for case in all_cases():
         if words and not any(word in case.name or word == case.group for word in words):
