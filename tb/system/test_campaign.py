@@ -41,7 +41,7 @@ def made(effects: Any = None, ohm: Any = OHM, engines: str = "closed,event", **i
 def broken(one: World, engines: str = "closed,event", seeds: int = 3) -> set[str]:
     """Return the laws that a world breaks; some laws look at one cell a seed."""
     names = list(laws.ENGINES[engines])
-    return {law for seed in range(seeds) for law in laws.judge(one, engines, seed, names).laws}
+    return {law for seed in range(seeds) for law, _ in laws.judge(one, engines, seed, names).broken}
 
 
 # ---- cases that campaigns found

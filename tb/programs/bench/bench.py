@@ -40,7 +40,7 @@ from dermis.report.output import machine_line
 from dermis.report.verdict import Row
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench import peers
-from tb.programs.bench.circuit import Circuit, Job, LoopJob, Run
+from tb.programs.bench.circuit import Circuit, Job, LoopJob
 from tb.programs.bench.measure import busy_row, one_core, random_plan
 
 STEPS = {"step_10n": 10e-9, "step_100n": 100e-9, "step_1u": 1e-6}
@@ -73,10 +73,6 @@ class Measurements:
         """Return the path of a new directory."""
         return self.work / f"run_{next(self.runs):03d}"
 
-    def measure(self, job: Job) -> Run:
-        """Run a job in a separate process."""
-        return circuits.measure(job, self.place(), RUN_LIMIT_S)
-
 
 def machine_rows(m: Measurements) -> Iterator[Row]:
     """Describe the machine and what else runs on it."""
@@ -92,7 +88,7 @@ def accuracy_rows(m: Measurements) -> Iterator[Row]:
     kinds = {name: (Job(CIRCUIT, step, keep=True), "Icarus") for name, step in STEPS.items()}
     kinds[VERILATOR] = Job(CIRCUIT, keep=True, simulator=VERILATOR), "step 1 us, Verilator"
     for name, (job, note) in kinds.items():
-        run = m.measure(job)
+        run = circuits.measure(job, m.place(), RUN_LIMIT_S)
         note = f"{CIRCUIT.clocks} clocks; {note}, {run.rate:.0f} clocks/s with every sample kept"
         yield verdict.judge(f"cosim.edge_error_v.{name}", run.error_v, note)
         note = f"{run.code} of {CIRCUIT.pulses} pulses"
@@ -113,7 +109,8 @@ def speed_rows(m: Measurements) -> Iterator[Row]:
     rates: dict[str, list[float]] = defaultdict(list)
     for _ in range(m.repeat):
         for simulator in SIMULATORS:
-            run = m.measure(Job(LONG_CIRCUIT, STEPS["step_1u"], simulator))
+            job = Job(LONG_CIRCUIT, STEPS["step_1u"], simulator)
+            run = circuits.measure(job, m.place(), RUN_LIMIT_S)
             if run.miscount:
                 raise SimulatorError(f"{simulator} counted {run.code}, not {LONG_CIRCUIT.pulses}")
             rates[simulator].append(run.rate)

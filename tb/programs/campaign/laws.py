@@ -321,11 +321,6 @@ class Outcome:
     compared: Counter[str] = field(default_factory=Counter)  # laws that applied
     conversions: int = 0
 
-    @property
-    def laws(self) -> set[str]:
-        """Names of the broken laws."""
-        return {law for law, _ in self.broken}
-
 
 def judge(world: World, engines_: str, seed: int, only: Iterable[str] | None = None) -> Outcome:
     """Ask the laws of some engines about a world, those of `only` without chance.
