@@ -7,11 +7,10 @@ import random
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import click
 import numpy as np
@@ -184,17 +183,6 @@ STEPS = 2048  # duties in a code
 TRIES = 400  # scenes for a bound
 
 
-@contextmanager
-def halved(name: str) -> Iterator[None]:
-    """Halve the bound of an effect."""
-    effect = effects.EFFECTS[name]
-    effects.EFFECTS[name] = replace(effect, bound=replace(effect.bound, factor=0.5))
-    try:
-        yield
-    finally:
-        effects.EFFECTS[name] = effect
-
-
 def _plan(name: str, strength: int, codes: Floats) -> Plan:
     """Return a plan of codes [frames, rows, cols] with one effect, whose strength is drawn."""
     effect, rng = effects.EFFECTS[name], np.random.default_rng(strength)
@@ -275,7 +263,9 @@ def bounded_effects() -> list[str]:
 
 def caught(name: str, tries: int = TRIES) -> int | None:
     """Return the number of the first scene in which the halved bound of an effect gives a wrong code, or None."""
-    with halved(name):
+    effect = effects.EFFECTS[name]
+    half = replace(effect, bound=replace(effect.bound, factor=0.5))
+    with mock.patch.dict(effects.EFFECTS, {name: half}):
         return next((trial for trial in range(tries) if wrong(name, trial)), None)
 
 
