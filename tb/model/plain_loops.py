@@ -7,11 +7,9 @@ zero and overflow of one number, which vector code cannot tell from those of unu
 
 from __future__ import annotations
 
-import functools
 import os
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -71,22 +69,12 @@ def codes(name: str, scratch: Path) -> np.ndarray:
     return event.run(made(scratch, ohms(), on, topology)).codes
 
 
-def _wraps(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a hash whose integers may wrap around: numpy calls that an overflow of a single number."""
-
-    @functools.wraps(function)
-    def quiet(*args: Any) -> Any:
-        with np.errstate(over="ignore"):
-            return function(*args)
-
-    return quiet
-
-
 def main(path: str) -> None:
     """Write the codes of every world into `path`."""
     assert os.environ.get("NUMBA_DISABLE_JIT") == "1"
     for name in ("_mix", "_uniform", "_keys"):
-        setattr(noise, name, _wraps(getattr(noise, name)))
+        # Integers of a hash may wrap around, which numpy calls an overflow of a single number.
+        setattr(noise, name, np.errstate(over="ignore")(getattr(noise, name)))
     if "--seeded" in sys.argv:  # a fault: what the mirror divides by is 0 and its quotient is not used
         course.approach = lambda x, y, t: np.float64(0.0)
     load()

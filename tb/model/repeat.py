@@ -19,8 +19,7 @@ from dermis.decode import force
 from dermis.records import Plan
 from dermis.scene import scene
 
-# Frames of a scene that are run: enough for cuts at every place that matters, few enough for a second a scene.
-FRAMES = 24
+FRAMES = 24  # of a scene: enough for cuts at every place that matters, few enough for a second a scene
 
 
 def numbers(made: Plan) -> dict[str, NDArray]:
@@ -56,11 +55,5 @@ def load(name: str) -> Plan:
     return made.part(0, min(FRAMES, made.frames))
 
 
-def main() -> int:
-    """Print the digests of the scenes on the command line, in their order."""
-    print(json.dumps({name: digest(numbers(load(name))) for name in sys.argv[1:]}))
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    print(json.dumps({name: digest(numbers(load(name))) for name in sys.argv[1:]}))

@@ -36,7 +36,7 @@ def test_costs_are_those_of_the_formula(tmp_path: Path) -> None:
     full, costs = ablate.measure(world, pairs=1)
     assert full.engine == "closed"
     found = _by_name(costs)
-    assert set(found) == {ablate.EVERYTHING, "charge_packet", "comparator_offset"}
+    assert list(found) == [ablate.EVERYTHING, "charge_packet", "comparator_offset"]
     x = np.array(CODES) / 510
     shift = vfc.code(x, packet=1 - 0.0213) - vfc.code(x)
     packet = found["charge_packet"]
@@ -44,7 +44,6 @@ def test_costs_are_those_of_the_formula(tmp_path: Path) -> None:
     assert packet.mean_shift_lsb == pytest.approx(shift.mean())
     assert packet.moved == pytest.approx((shift != 0).mean())
     assert (found["comparator_offset"].code_max_lsb, found["comparator_offset"].moved) == (0, 0.0)
-    assert [cost.name for cost in costs] == [ablate.EVERYTHING, "charge_packet", "comparator_offset"]
     assert found[ablate.EVERYTHING].code_max_lsb == packet.code_max_lsb
     assert all(cost.time_ratio > 0 for cost in costs)
 

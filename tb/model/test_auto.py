@@ -150,12 +150,22 @@ def test_a_budget_moves_codes_by_one_and_walks_less(budget: float) -> None:
 
 def test_columns_that_move_each_other_are_walked_and_the_table_says_why() -> None:
     on = {"auto": {}, "lateral": {"r_ohm": 1e6}, "row_driver": False, "trace": False}
-    plan = made(
-        on,
-        interface={"topology": "direct"},
-        stimulus={"kind": "uniform", "r_ohm": 2e3},
-        array={"rows": 2, "cols": 3},
-    )
+    sheet = {"array": {"rows": 2, "cols": 3}, "stimulus": {"kind": "uniform", "r_ohm": 2e3}}
+    plan = made(on, interface={"topology": "direct"}, **sheet)
     found = engines.run(plan).info["filter"]
     assert found["everything"] == plan.resistance_ohm.size
     assert "move each other" in found["reason"]
+
+
+# --- bounds ----------------------------------------------------------------------------------------------------------
+
+SLOW = "comparator_noise"
+BOUNDED = [pytest.param(n, marks=[pytest.mark.long] * (n == SLOW)) for n in auto_check.bounded_effects()]
+
+
+@pytest.mark.parametrize("name", BOUNDED)
+def test_a_bound_holds_where_a_halved_one_does_not(name: str) -> None:
+    assert not any(auto_check.wrong(name, trial) for trial in range(8))
+    trial = auto_check.caught(name)
+    assert trial is not None
+    assert not auto_check.wrong(name, trial)

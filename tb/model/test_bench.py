@@ -28,8 +28,7 @@ def test_verilog_with_ngspice_meets_the_exact_solution_at_a_tenth_of_a_clock(tmp
 def test_a_wrong_packet_is_seen(tmp_path: Path) -> None:
     good = circuit.measure(Job(CIRCUIT, keep=True), tmp_path / "good", LIMIT_S)
     bad = circuit.measure(Job(CIRCUIT, keep=True, packet_error=1e-6), tmp_path / "bad", LIMIT_S)
-    # A fault of 1e-6 packet makes 1e-7 V a packet: the right run must be far below one of them.
-    assert good.error_v < 1e-10
+    assert good.error_v < 1e-10, "far below the 1e-7 V a packet of the fault"
     assert verdict.judge("cosim.edge_error_v.step_1u", bad.error_v)["status"] == "FAIL"
     # The run's own error is 5e-7 V at most; the seeded one is 20 to 40 uV.
     assert bad.error_v == pytest.approx(int(bad.charge[:-1].sum()) * 1e-6 * CIRCUIT.packet_v, rel=0.02)
@@ -105,8 +104,8 @@ def test_an_engine_section_makes_the_rows_it_promises(
     assert all(row["note"] for row in rows)
 
 
-def test_all_effects_are_all_that_the_engine_does(tmp_path: Path) -> None:
-    on, lost = bench.all_effects("event", tmp_path)
+def test_all_effects_are_all_that_the_engine_does() -> None:
+    on, lost = bench.all_effects("event")
     assert set(on) | set(lost) == set(EFFECTS)
     assert lost == ["return"]  # event refuses it together with line_capacitance
-    assert "comparator_noise" in bench.all_effects("closed", tmp_path)[1]
+    assert "comparator_noise" in bench.all_effects("closed")[1]

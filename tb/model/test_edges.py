@@ -21,7 +21,7 @@ from dermis.engines import event, filter
 from dermis.errors import InputError
 from dermis.scene import scene
 from dermis.skin import Skin
-from tb.programs.campaign import combined, intervals, search
+from tb.programs.campaign import search
 
 
 def made(data: dict[str, Any], engine: str) -> Any:
@@ -49,10 +49,10 @@ def test_auto_starts_a_frame_with_the_current_before_the_gate() -> None:
     ],
 )
 def test_scenes_of_the_search_that_were_wrong(kind: str, number: int) -> None:
-    assert combined.run_scene(kind, 0, number)["wrong"] == 0
+    assert search.filter_counts(kind, 0, number)["wrong"] == 0
 
 
-@pytest.mark.parametrize("kind", combined.KINDS)
+@pytest.mark.parametrize("kind", search.FILTER_KINDS)
 def test_search_notices_a_bound_that_is_missing(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
     for name in ("motion", "comparator_hysteresis", "integrator_gain", "comparator_noise"):
@@ -66,7 +66,7 @@ def test_search_notices_a_bound_that_is_missing(kind: str, monkeypatch: pytest.M
 # --- Skin and intervals --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", intervals.KINDS)
+@pytest.mark.parametrize("kind", search.SKIN_KINDS)
 def test_skin_and_intervals_over_every_effect(kind: str) -> None:
     counts = search.run_scenes(kind, 1, 0, 12)
     assert counts["wrong"] == 0

@@ -16,17 +16,11 @@ from made_plans import made
 from dermis.converter import course
 from dermis.errors import SimulatorError
 
-PROGRAM = Path(plain_loops.__file__)
-
 
 def in_plain_python(out: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, str(PROGRAM), str(out), *options],
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-        capture_output=True,
-        text=True,
-        timeout=150,
-    )
+    command = [sys.executable, plain_loops.__file__, str(out), *options]
+    env = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    return subprocess.run(command, env=env, capture_output=True, text=True, timeout=150)
 
 
 @pytest.fixture(scope="module")

@@ -10,69 +10,48 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
-from dermis import effects, engines, records
+from dermis import bounds, effects, engines
 from dermis import plan as planning
-from dermis.converter import course
-from dermis.engines import event, masking
+from dermis.converter import course, decide, vfc_loops
+from dermis.engines import event, filter, masking
 from dermis.errors import InputError
+from dermis.records import Plan
 from dermis.report import verdict
 from dermis.report.progress import slots
-from dermis.scene import scene, schema
+from dermis.scene import scene
 from dermis.scene.scene import SCENES
-from tb.programs import auto_bounds
+from scripts import judged
 from tb.reference import scenes
-from tb.reference.scenes import PROFILES, World
 
-_LONG = 200
-"""Frames of a long scene."""
+Floats = NDArray[np.float64]
 
-REPEATS = 3
-"""Timed runs of a scene."""
+_LONG = 200  # frames of a long scene
+REPEATS = 3  # timed runs of a scene
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One scene: codes that differ from everything on, verdicts, and processor time in s."""
+    """One scene with auto and with everything on."""
 
     name: str
     conversions: int
-    wrong: int
-    walked: int
+    wrong: int  # codes that differ
+    walked: int  # cells that engine event walked
     reason: str
     looseness: float
-    seconds: float
-    seconds_all: float
-
-    @property
-    def speedup(self) -> float:
-        """Processor time of everything on over that of auto, both with planning."""
-        return self.seconds_all / self.seconds
-
-    @property
-    def walked_part(self) -> float:
-        """Part of the cells that engine event walked."""
-        return self.walked / self.conversions
-
-
-def random_scene(seed: int, number: int, frames: int) -> World:
-    """Return random scene `number` of a seed, with auto."""
-    limits = replace(PROFILES["auto"], frames=(frames,))
-    return scenes.random_scene(random.Random(f"{seed} {number}"), limits)
+    speedup: float  # processor time of everything on over that of auto, both with planning
 
 
 def compare(world: scene.Scene, name: str) -> Outcome:
-    """Run a scene with auto and with everything on, and compare.
+    """Compare a scene with auto and with everything on; InputError where engine event refuses the latter.
 
     Times are the medians of runs of either, in turn; a first run that compiles does not move them.
-
-    Raises
-    ------
-    InputError
-        Engine event refuses the scene with everything on.
     """
     seconds, seconds_all = [], []
     for _ in range(REPEATS):
@@ -83,17 +62,10 @@ def compare(world: scene.Scene, name: str) -> Outcome:
         full = event.run(planning.whole(world, "event"))
         seconds.append(middle - start)
         seconds_all.append(time.process_time() - middle)
-    found = result.info["filter"]
-    return Outcome(
-        name=name,
-        conversions=result.codes.size,
-        wrong=int((result.codes != full.codes).sum()),
-        walked=found["everything"],
-        reason=found["reason"] or plan.topology,
-        looseness=found["bound_over_shift"],
-        seconds=statistics.median(seconds),
-        seconds_all=statistics.median(seconds_all),
-    )
+    found, wrong = result.info["filter"], int((result.codes != full.codes).sum())
+    reason, looseness = found["reason"] or plan.topology, found["bound_over_shift"]
+    speedup = statistics.median(seconds_all) / statistics.median(seconds)
+    return Outcome(name, result.codes.size, wrong, found["everything"], reason, looseness, speedup)
 
 
 def campaign(count: int, seed: int, frames: int, stored: bool = False) -> tuple[list[Outcome], list[str]]:
@@ -110,9 +82,11 @@ def campaign(count: int, seed: int, frames: int, stored: bool = False) -> tuple[
         except InputError:
             refused.append(name)
 
+    limits = replace(scenes.PROFILES["auto"], frames=(frames,))
     with tempfile.TemporaryDirectory() as directory, slots("auto-check", count, "scenes") as on_done:
         for number in range(count):
-            take(random_scene(seed, number, frames).read(Path(directory)), f"random {number}")
+            drawn = scenes.random_scene(random.Random(f"{seed} {number}"), limits)
+            take(drawn.read(Path(directory)), f"random {number}")
             on_done(number + 1)
     for path in sorted(SCENES.glob("*.toml")) if stored else ():
         take(scene.with_auto(scene.load(path)), path.stem)
@@ -133,37 +107,27 @@ def fixed_cost(repeats: int = 101) -> verdict.Row:
         course.solve_gate(made, slice(0, 1))
         found.append(1e3 * (2.0 * middle - start - time.process_time()))
     walked = result.info["filter"]["everything"]
-    return verdict.judge(
-        "auto.fixed_ms", float(np.median(found)), f"of {repeats} runs, {walked} cells walked"
-    )
+    note = f"of {repeats} runs, {walked} cells walked"
+    return verdict.judge("auto.fixed_ms", float(np.median(found)), note)
 
 
 _OPEN_ROWS = (5, 10)
 
 
-def two_open_rows(cols: int, seed: int) -> records.Plan:
+def two_open_rows(cols: int, seed: int) -> Plan:
     """Return a pressed frame of 16 rows for engine cosim, every effect on that it takes, with two open rows.
 
-    Taxels that engine event is not certain of are drawn again; in the two rows only after one is
-    open there.
+    Taxels that are open are drawn again, in the two rows only after one is open there.
     """
     rng = np.random.default_rng(seed)
-    random_off = {e.name: False for e in effects.EFFECTS.values() if e.random}
-    ohm = 520 * 60 ** rng.random((16, cols))
-    data = {
-        "array": {"rows": 16, "cols": cols},
-        "stimulus": {"kind": "resistance", "file": "taxels.npy"},
-        "effects": {"auto": {}} | random_off,
-    }
-    table = schema.validate(scene.SceneTable, data, Path("cosim_speedup.toml"))
+    on = {"auto": {}} | {e.name: False for e in effects.EFFECTS.values() if e.random}
+    ohm = 520 * 60 ** rng.random((1, 16, cols))
     while True:
-        stimulus = table.stimulus.given(ohm)
-        world = scene.resolve(table.model_copy(update={"stimulus": stimulus}), Path("cosim_speedup.toml"))
-        made = planning.make(world, "cosim")
-        open_ = masking.decide(made).open[0]
+        made = planning.make(scenes.of_resistances(ohm, on, name="cosim_speedup"), "cosim")
+        open_ = masking.decide(made).open
         again = open_.copy()
         for row in _OPEN_ROWS:
-            again[row] = not open_[row].any()
+            again[0, row] = not open_[0, row].any()
         if not again.any():
             return made
         ohm = np.where(again, 520 * 60 ** rng.random(ohm.shape), ohm)
@@ -180,16 +144,11 @@ def cosim_speedup(cols: int, seed: int) -> verdict.Row:
     return verdict.judge("auto.cosim_speedup", 0.0 if wrong else times[0] / times[1], note)
 
 
-def rows(
-    few: list[Outcome],
-    many: list[Outcome],
-    refused: list[str],
-    halved: tuple[dict[str, int], list[str]] | None = None,
-) -> list[verdict.Row]:
-    """Return the verdicts of short scenes, long ones, names of refused ones, and halved bounds (`mutants`)."""
+def rows(few: list[Outcome], many: list[Outcome], refused: list[str]) -> list[verdict.Row]:
+    """Return the verdicts of short scenes, long ones, and names of refused ones."""
     every = [*few, *many]
     wrong = [f"{o.name} ({o.wrong})" for o in every if o.wrong]
-    mostly = [f"{o.name} ({o.reason})" for o in every if o.walked_part > 0.5]
+    mostly = [f"{o.name} ({o.reason})" for o in every if o.walked > 0.5 * o.conversions]
     loose = [o.looseness for o in every if o.looseness > 0]
     total = sum(o.conversions for o in every)
     walked = sum(o.walked for o in every) / total
@@ -212,12 +171,113 @@ def rows(
         found.append(verdict.judge(f"auto.speedup.median_{name}", median, note))
         if outcomes is few:
             found.append(verdict.judge(f"auto.speedup.lower_quarter_{name}", lower, note))
-    if halved is not None:
-        caught, missed = halved
-        share = len(caught) / (len(caught) + len(missed))
-        note = f"not caught: {', '.join(missed) or 'none'}"
-        found.append(verdict.judge("auto.mutated_bounds_caught", share, note))
     return found
+
+
+# ---- halved bounds -----------------------------------------------------------------------------------------------
+
+# A search for scenes that need the bounds of the filter: each bound, halved in turn, must give a wrong code. A scene
+# has one effect, at a strength drawn over its range, and few taxels whose duty runs through a whole code in small
+# steps, so that a level that is off by more than its bound gives a wrong code in some of them.
+STEPS = 2048  # duties in a code
+TRIES = 400  # scenes for a bound
+
+
+def _plan(name: str, strength: int, codes: Floats) -> Plan:
+    """Return a plan of codes [frames, rows, cols] with one effect, whose strength is drawn."""
+    effect, rng = effects.EFFECTS[name], np.random.default_rng(strength)
+    topology = str(rng.choice(effect.topologies))
+    on: dict[str, Any] = {other: dict(value) for other, value in effect.needs.items()}
+    on[name] = effect.draw(rng, 1.0) or True
+    if name == "comparator_noise":
+        on[name] = {"v_v": 2.0 * effect.range()["v_v"][1]}
+    with np.errstate(divide="ignore"):
+        ohm = scenes.unit_ohm({}) * 510 / codes
+    world = scenes.of_resistances(ohm, on, {"topology": topology}, name)
+    return replace(planning.make(world, "event"), filtered=True, seed=int(strength))
+
+
+def _steps(name: str, rng: np.random.Generator) -> Floats:
+    """Return steps between codes, [1, rows, cols] or two frames for motion; some are below the first or the last."""
+    rows, cols = (int(n) for n in rng.integers(1, [4, 3]))
+    shape = (2 if name == "motion" else 1, rows, cols)
+    steps = np.exp(rng.uniform(np.log(0.5), np.log(300.0), shape))
+    steps = np.where(rng.random(shape) < 0.5, rng.uniform(0.0, 500.0, shape), steps)
+    if name == "comparator_noise":
+        # Many decisions of a slow converter are near the level: one of them draws a large number.
+        steps = np.zeros(shape)
+    if name == "mirror_lag":
+        # After a row without current the output is late, then by more than half a packet a clock.
+        steps = rng.uniform(200.0, 350.0, (1, 2, 1)) * [[[0.0], [1.0]]]
+    opened = (steps == 0.0) if name == "mirror_lag" else rng.random(steps.shape) < 0.2
+    return np.where(opened, -0.5, np.floor(steps)) + 0.5
+
+
+def _around(steps: Floats, reach: Floats | float, many: int) -> Floats:
+    """Codes [frames, rows, cols] that run from `reach` below each step to as much above it."""
+    sweep = np.linspace(-1.0, 1.0, many)[:, None, None, None] * reach
+    return np.where(steps > 0.0, np.maximum(steps + sweep, 0.0), 0.0).reshape(-1, *steps.shape[1:])
+
+
+def _part(plan: Plan) -> Any:
+    return filter._Part(plan, slice(0, plan.frames), filter.Table(filter.bounding(plan)))
+
+
+def violations(plan: Plan) -> int:
+    """Codes of engine event outside those at the solved level plus and minus its bound."""
+    part = _part(plan)
+    s, full = part.s, plan.timing.code_max
+    level = part.columns[bounds.LEVEL] - part.columns[bounds.BEGIN] - s.shift
+    packet = np.broadcast_to(part.columns[bounds.PACKET], level.shape)
+    error = np.minimum(s.error, 1e6)
+    counts = (_counts(s.x, plan.timing.gate_clocks, level + by, packet) for by in (error, -error))
+    least, most = (np.minimum(count, full) for count in counts)
+    # More than the charge at which x is clipped moves a code up only.
+    most = np.where(s.x >= decide.X_CLIP * np.maximum(packet, 1.0) * (1.0 - 1e-12), full, most)
+    codes = event.run(plan).codes
+    return int(((codes < least) | (codes > most)).sum())
+
+
+_counts = np.vectorize(vfc_loops.count_one, otypes=[int])
+
+
+def wrong(name: str, trial: int) -> int:
+    """Return the violations of the bounds in scene `trial` of an effect; 0 if engine event refuses the scene."""
+    rng = np.random.default_rng([trial, *name.encode()])
+    steps = _steps(name, rng)
+    strength = rng.integers(1 << 32)
+    try:
+        coarse = _part(_plan(name, strength, _around(steps, 0.5, 9))).s
+        reach = 4.0 * (coarse.error + np.abs(coarse.shift)).max(axis=0)
+        return violations(_plan(name, strength, _around(steps, np.minimum(reach, 0.5), STEPS)))
+    except InputError:
+        return 0
+
+
+def bounded_effects() -> list[str]:
+    """Return the effects with a bound that is no number of sigmas, whose largest draw is rare."""
+    rare = ("ktc_noise", "flicker_noise", "thermal_noise", "shot_noise", "clock_jitter")
+    bounded = (name for name, effect in effects.EFFECTS.items() if effect.bound is not bounds.honoured)
+    return [name for name in bounded if name not in rare]
+
+
+def caught(name: str, tries: int = TRIES) -> int | None:
+    """Return the number of the first scene in which the halved bound of an effect gives a wrong code, or None."""
+    effect = effects.EFFECTS[name]
+    half = replace(effect, bound=replace(effect.bound, factor=0.5))
+    with mock.patch.dict(effects.EFFECTS, {name: half}):
+        return next((trial for trial in range(tries) if wrong(name, trial)), None)
+
+
+def halved_bounds(tries: int) -> verdict.Row:
+    """Judge the share of halved bounds that give a wrong code in a number of scenes."""
+    found = {name: caught(name, tries) for name in bounded_effects()}
+    missed = [name for name, trial in found.items() if trial is None]
+    note = f"not caught: {', '.join(missed) or 'none'}"
+    return verdict.judge("auto.mutated_bounds_caught", 1.0 - len(missed) / len(found), note)
+
+
+# ---- command -----------------------------------------------------------------------------------------------------
 
 
 def _number(name: str, default: int, help: str, low: int = 0, high: int | None = None) -> Any:
@@ -229,18 +289,17 @@ def _number(name: str, default: int, help: str, low: int = 0, high: int | None =
 @_number("--seed", 0, "Random seed of the first scene.")
 @_number("--frames", 12, "Frames per scene.", low=2)
 @_number("--long", 40, "Number of scenes with 200 frames.")
-@_number("--mutants", auto_bounds.TRIES, "Scenes per halved bound, which must show an error; 0 for none.")
+@_number("--mutants", TRIES, "Scenes per halved bound, which must show an error; 0 for none.")
 @_number("--cosim", 16, "Columns of the frame in engine cosim; 0 for none.", high=64)
 def auto_check_command(scenes: int, seed: int, frames: int, long: int, mutants: int, cosim: int) -> int:
     """Random and stored scenes with auto against everything on: codes, verdicts, processor time."""
     few, refused = campaign(scenes, seed, frames, stored=True)
     many, more = campaign(long, seed, _LONG) if long else ([], [])
-    found = rows(few, many, refused + more, auto_bounds.mutants(mutants) if mutants else None)
+    found = rows(few, many, refused + more)
+    if mutants:
+        found.append(halved_bounds(mutants))
     found.append(fixed_cost())
     if cosim:
         found.append(cosim_speedup(cosim, seed))
-    verdict.write_rows("auto", found)
-    verdict.print_rows(
-        found, f"{scenes} random scenes and every stored one, auto against all effects in engine event"
-    )
-    return verdict.exit_code(found)
+    title = f"{scenes} random scenes and every stored one, auto against all effects in engine event"
+    return judged.finish("auto", found, title)

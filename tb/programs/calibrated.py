@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,13 +22,15 @@ from dermis.chip import column_calibration, sky130
 from dermis.chip.spice_text import spice_number
 from dermis.files import write_atomic
 from dermis.places import BUILD
-from dermis.report import progress, verdict
+from dermis.report import verdict
 from dermis.report.verdict import Row
 from dermis.scene import design as design_module
 from dermis.scene.design import Design
+from scripts import judged
 from scripts.characterise.benches import Condition
 from tb.programs.equivalence import columns, gate
 from tb.programs.equivalence.columns import Column, Slot, deck_of
+from tb.programs.equivalence.gate import Line
 
 ERRORS = BUILD / "calibrated" / "errors.json"
 """Error in codes of every draw by condition and resistance."""
@@ -83,27 +84,14 @@ def column_of(loads: Sequence[Load], condition: Condition, blocks: Path | None =
     return Column(deck, CLOCKS)
 
 
-@dataclass(frozen=True)
-class Line:
-    """Charge in packets at the clocks of a gate: start + slope n, counted from the level of the decision."""
-
-    start: float
-    slope: float
-
-    def count(self, clocks: int) -> int:
-        """Return the count of a gate."""
-        return math.floor(self.start + self.slope * clocks + 1.0)
-
-    def code(self, clocks: int) -> float:
-        """Return the code before it is rounded: half a packet of preset is not in it."""
-        return self.start + self.slope * clocks + 0.5
-
-
 def lines_of(loads: Sequence[Load], slots: Sequence[Slot]) -> dict[Load, Line]:
     """Return the line of each load, without those of the first SETTLING rows."""
-    found = gate.read(slots[SETTLING:])
-    pairs = zip(found.start.tolist(), found.slope.tolist(), strict=True)
-    return {load: Line(*pair) for load, pair in zip(loads[SETTLING:], pairs, strict=True)}
+    return dict(zip(loads[SETTLING:], gate.read(slots[SETTLING:]), strict=True))
+
+
+def code(line: Line, clocks: int) -> float:
+    """Return the code of a gate before it is rounded: half a packet of preset is not in it."""
+    return line.reach(clocks) - 0.5
 
 
 Calibrated = tuple[float, float]
@@ -115,8 +103,8 @@ def calibrate(lines: Mapping[Load, Line], i_test_a: float, design: Design) -> Ca
     normal = design.timing.gate_clocks
     long = column_calibration.DARK_GATES * normal
     gates = column_calibration.full_gates(normal)
-    dark = lines[DARK].count(long) / long
-    counts = np.array([[lines[TEST].count(n)] for n in gates], dtype=float)
+    dark = math.floor(lines[DARK].reach(long)) / long
+    counts = np.floor([[lines[TEST].reach(n)] for n in gates])
     full = float(column_calibration.duty(counts, gates)[0])
     return i_test_a / (normal * (full - dark)), normal * dark
 
@@ -132,9 +120,9 @@ def errors_lsb(lines: Mapping[Load, Line], values: Calibrated, design: Design) -
     normal, volt = design.timing.gate_clocks, design.interface.v_bias_v
     step_a, start_code = values
     code_a = design.interface.k * design.converter.i0_a / normal
-    shift = lines[KNOWN].code(normal) - lines[SHIFTED].code(normal) if SHIFTED in lines else 0.0
+    shift = code(lines[KNOWN], normal) - code(lines[SHIFTED], normal) if SHIFTED in lines else 0.0
     return {
-        load.ohm: (step_a * (line.code(normal) + shift * load.shifted - start_code) - volt / load.ohm)
+        load.ohm: (step_a * (code(line, normal) + shift * load.shifted - start_code) - volt / load.ohm)
         / code_a
         for load, line in lines.items()
         if math.isfinite(load.ohm) and load != SHIFTED
@@ -155,18 +143,15 @@ def rows_of(
     """Return the verdicts of all draws, and the error of each by condition and resistance."""
     lost = {at: slots for at, slots in shown.items() if isinstance(slots, str)}
     still = {at: at.celsius == Condition().celsius for at in shown}
-    lines = {
-        at: lines_of(CALIBRATION if still[at] else DRIFT, slots)
-        for at, slots in shown.items()
-        if at not in lost
-    }
+    good = {at: slots for at, slots in shown.items() if at not in lost}
+    lines = {at: lines_of(CALIBRATION if still[at] else DRIFT, slots) for at, slots in good.items()}
     zero, error, drift = {}, {}, {}
     if Condition() in lines:
         i_test_a = test_current_a(lines.pop(Condition()), design)
         own = {at.sample: calibrate(one, i_test_a, design) for at, one in lines.items() if still[at]}
         for at, one in lines.items():
             if still[at]:
-                zero[str(at)] = {math.inf: one[DARK].code(design.timing.gate_clocks)}
+                zero[str(at)] = {math.inf: code(one[DARK], design.timing.gate_clocks)}
                 error[str(at)] = errors_lsb(one, own[at.sample], design)
             elif at.sample in own:
                 drift[str(at)] = drift_lsb(one, own[at.sample], design)
@@ -194,10 +179,8 @@ def rows_of(
 @click.command("calibrated")
 @click.option("--draws", default=DRAWS, show_default=True, type=click.IntRange(1, 10**4), help="Columns.")
 @click.option("--still", is_flag=True, help="27 C and nominal supply alone.")
-@click.option(
-    "--jobs", default=os.cpu_count(), show_default=True, type=click.IntRange(1, 64), help="Processes."
-)
-@click.option("--fresh", is_flag=True, help="Run what is kept from earlier runs as well.")
+@columns.JOBS
+@columns.FRESH
 def calibrated_command(draws: int, still: bool, jobs: int, fresh: bool) -> int:
     """Columns in transistors with mismatch, calibrated at 27 C: their zero, error and drift."""
     samples = range(1, draws + 1)
@@ -205,12 +188,9 @@ def calibrated_command(draws: int, still: bool, jobs: int, fresh: bool) -> int:
     if not still:
         loads |= {dataclasses.replace(at, sample=n): DRIFT for n in samples for at in EXTREMES}
     asked = [column_of(own, at) for at, own in loads.items()]
-    with progress.slots("calibrated", len(asked), "columns") as tell:
-        found = columns.records(asked, jobs, tell, fresh)
+    found = columns.records(asked, jobs, "calibrated", fresh)
     rows, errors = rows_of(dict(zip(loads, found, strict=True)), design_module.load())
     rows = rows[:2] if still else rows
     table = {at: {f"{ohm:g}": e for ohm, e in values.items()} for at, values in errors.items()}
     write_atomic(ERRORS, json.dumps(table, indent=1) + "\n")
-    verdict.write_rows("calibrated", rows)
-    verdict.print_rows(rows, "calibrated")
-    return verdict.exit_code(rows)
+    return judged.finish("calibrated", rows, "calibrated")

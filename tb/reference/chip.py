@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The analog half of the chip in plain Python: charge balance in integers, and the synchronizer.
 
-Written from the paper, without looking at the RTL. A duty x is a
-pair of integers (p, q) for p/q packets a clock. The converter is ``q[n] = (w >= 0) and not q[n-1];
-w += x - q[n]``, preset to w = -1/2 at t0, so that w at t1 is -1/2 + x.
+Written from the paper, without looking at the RTL. A duty x is a pair of integers (p, q) for p/q
+packets a clock. The converter is ``q[n] = (w >= 0) and not q[n-1]; w += x - q[n]``, preset to
+w = -1/2 at t0, so that w at t1 is -1/2 + x.
 """
 
 from __future__ import annotations
@@ -19,13 +19,9 @@ SHORT: Duty = (10**6, 1)
 
 
 class Synchronizer:
-    """The two flip-flops of a column: a decision gates the charge packet one clock later, never
-    twice in a row.
+    """The two flip-flops of a column: a decision gates a packet one clock later, never twice in a row.
 
-    Attributes
-    ----------
-    bit, charge : bool, or array of bool, one a column
-        Outputs of the first and the second flip-flop.
+    `bit` and `charge` are the outputs of the first and the second one: bool, or an array, one a column.
     """
 
     def __init__(self, bit: Any = False) -> None:
@@ -38,17 +34,7 @@ class Synchronizer:
 
 
 def ones(x: Duty, gate_clocks: int, w_preset: Duty = (-1, 2)) -> list[int]:
-    """Decisions of one gate, one a clock, by the recursion itself.
-
-    Parameters
-    ----------
-    x : (int, int)
-        Duty p/q, in packets a clock.
-    gate_clocks : int
-        Number of samples.
-    w_preset : (int, int)
-        Stored charge at t0, in packets.
-    """
+    """Return the decisions of one gate, by the recursion itself, from a charge `w_preset` in packets."""
     packet = lcm(x[1], w_preset[1])
     step = x[0] * (packet // x[1])
     w = w_preset[0] * (packet // w_preset[1]) + step
@@ -65,11 +51,6 @@ def count(x: Duty, gate_clocks: int, count_bits: int, w_preset: Duty = (-1, 2)) 
     return min(2**count_bits - 1, sum(ones(x, gate_clocks, w_preset)))
 
 
-def code(x: Duty, gate_clocks: int, code_bits: int, w_preset: Duty = (-1, 2)) -> int:
-    """Code of one taxel: the ones of the gate, saturated at full scale."""
-    return count(x, gate_clocks, code_bits, w_preset)
-
-
 def duty_of_resistance(r_ohm: Duty) -> Duty:
     """Duty of a taxel in the paper's design: V_b / (k i0) is 250 ohm, so x = 250 / R."""
     return (250 * r_ohm[1], r_ohm[0])
@@ -79,17 +60,14 @@ FULL_SCALE: Duty = (1, 2)
 
 
 class AnalogColumns:
-    """Ideal integrators and comparators of all columns, advanced half a clock at a time in
-    integers.
+    """Ideal integrators and comparators of all columns in integers, advanced half a clock at a time.
 
-    Half clocks, because the flip-flop + latch form moves its charge edge at the falling clock edge.
+    The flip-flop + latch form moves its charge edge at the falling clock edge.
 
     Parameters
     ----------
-    x : [rows][cols] of (int, int)
-        Duty of each taxel.
-    w_preset : [cols] of (int, int), optional
-        Stored charge the preset forces, in packets; -1/2 by default.
+    x : duties [rows][cols]
+    w_preset : charge [cols] that the preset forces, in packets; -1/2 by default
     open_columns : columns whose currents do not arrive
     shorted_columns : pairs of columns that share their currents equally
     """
@@ -107,8 +85,7 @@ class AnalogColumns:
         self.preset: list[int] = []
         self.half_step: list[list[int]] = [[0] * cols for _ in x]
         self.half_full: list[int] = []
-        # A factor of two for half clocks, and one for currents that halve where columns are
-        # shorted.
+        # A factor of two for half clocks, and one for currents that halve in shorted columns.
         units = [4 * lcm(FULL_SCALE[1], preset[c][1], *(row[c][1] for row in x)) for c in range(cols)]
         for a, b in shorted_columns:
             units[a] = units[b] = lcm(units[a], units[b])
@@ -123,17 +100,14 @@ class AnalogColumns:
         self.w = list(self.preset)
 
     def half_clock(self, row_select: int, preset: int, charge: int, test_current: int = 0) -> None:
-        """Advance half a clock with the switches as given (bit vectors); several rows driven add
-        their currents.
-        """
+        """Advance half a clock with switches as bit vectors; driven rows add their currents."""
         if preset:
             self.w = list(self.preset)
             return
         step = [full if test_current >> c & 1 else 0 for c, full in enumerate(self.half_full)]
-        while row_select:
-            r = row_select.bit_length() - 1
-            row_select ^= 1 << r
-            step = [a + b for a, b in zip(step, self.half_step[r], strict=True)]
+        for r, own in enumerate(self.half_step):
+            if row_select >> r & 1:
+                step = [a + b for a, b in zip(step, own, strict=True)]
         for a, b in self.shorted_columns:
             step[a] = step[b] = (step[a] + step[b]) // 2
         for c in self.open_columns:

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns of the direct interface by their common equation: the slow reference of engine event's
-mean charges.
-"""
+"""Columns of the direct interface by their common equation: the reference of event's mean charges."""
 
 from __future__ import annotations
 
@@ -22,9 +20,7 @@ def codes(plan: Plan, frame: int = 0) -> np.ndarray:
 
 
 def _row(plan: Plan, frame: int, row: int) -> np.ndarray:
-    """Step by matrix exponentials, one a clock, two with a late comparator; inputs are constant in
-    a clock.
-    """
+    """Step by matrix exponentials, two a clock with a late comparator, at inputs constant in a clock."""
     converter, timing, drive, cols = plan.converter, plan.timing, plan.drive, plan.cols
     g = plan.conductance_s()
     behind = plan.next_conductance_s() if drive.motion else g

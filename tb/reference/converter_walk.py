@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The charge balance of one converter in fifty digits: the slow reference of engine event and of
-its compiled loops.
-"""
+"""The charge balance of one converter in fifty digits: the slow reference of engine event."""
 
 from __future__ import annotations
 
@@ -12,9 +10,7 @@ import mpmath
 
 
 class Draws(NamedTuple):
-    """The noise of one cell in full, for the reference: nothing is left out because it cannot
-    matter.
-    """
+    """The noise of one cell in full: nothing is left out because it cannot matter."""
 
     slow: list[float]  # sigma W(n), n = 1 ..
     sample: list[float]  # shift of the level of sample n alone
@@ -23,9 +19,7 @@ class Draws(NamedTuple):
 
 
 class Walk(NamedTuple):
-    """Result of the reference: bits, the charge at every clock, and the least distance of the
-    output from a level.
-    """
+    """Bits, the charge at every clock, and the least distance of the output from a level."""
 
     bits: list[bool]
     charge: list[mpmath.mpf]
@@ -40,8 +34,7 @@ def walk_reference(
     vary: list[float] | None = None,
     draws: Draws | None = None,
 ) -> Walk:
-    """Bits and the charge at every clock of one cell in `digits` decimal digits: the slow
-    reference.
+    """Return bits and the charge at every clock of one cell in `digits` decimal digits.
 
     `cell` has the keys of `Cells`; `vary` takes the place of its x clock by clock. The packets are
     kept as a list of intervals, and the walk stops at every instant where anything can change;
@@ -99,13 +92,12 @@ _Way = Callable[[mpmath.mpf], tuple[mpmath.mpf, mpmath.mpf]]
 
 
 def _way(c: dict[str, mpmath.mpf], w: mpmath.mpf, v: mpmath.mpf, current: mpmath.mpf) -> _Way:
-    """(w, v) as a function of time at a constant current, limits aside."""
+    """Return (w, v) as a function of time at a constant current, limits aside."""
     if c["lag"] == 0:
 
         def alone(t: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
-            if c["leak"] == 0:
-                at = w + current * t
-            else:
+            at = w + current * t
+            if c["leak"]:
                 at = current / c["leak"] + (w - current / c["leak"]) * mpmath.exp(-c["leak"] * t)
             return at, at
 
@@ -141,7 +133,7 @@ def _way(c: dict[str, mpmath.mpf], w: mpmath.mpf, v: mpmath.mpf, current: mpmath
 def _turns(
     c: dict[str, mpmath.mpf], w: mpmath.mpf, v: mpmath.mpf, current: mpmath.mpf, length: mpmath.mpf
 ) -> list[mpmath.mpf]:
-    """Where inside a piece the output turns: w = v there."""
+    """Return the times inside a piece at which the output turns: w = v there."""
     if c["lag"] == 0:
         return []
     way = _way(c, w, v, current)
@@ -152,7 +144,7 @@ def _turns(
 
     if apart(mpmath.mpf(0)) * apart(length) >= 0 or not c["low"] <= way(length)[0] <= c["high"]:
         return []
-    return [_bisect(apart, mpmath.mpf(0), length)]
+    return [_root(apart, length)]
 
 
 def _stopped(
@@ -164,18 +156,12 @@ def _stopped(
     end = way(length)[0]
     hit = mpmath.mpf(0)
     if (w - limit) * (end - limit) < 0:
-        hit = _bisect(lambda t: way(t)[0] - limit, mpmath.mpf(0), length)
+        hit = _root(lambda t: way(t)[0] - limit, length)
         v = way(hit)[1]
     return limit, limit + (v - limit) * mpmath.exp(-(length - hit) / c["lag"])
 
 
-def _bisect(f: Callable[[mpmath.mpf], mpmath.mpf], low: mpmath.mpf, high: mpmath.mpf) -> mpmath.mpf:
-    at_low = f(low)
-    for _ in range(110):  # 33 digits: far beyond a double
-        middle = (low + high) / 2
-        at = f(middle)
-        if at * at_low > 0:
-            low, at_low = middle, at
-        else:
-            high = middle
-    return (low + high) / 2
+def _root(f: Callable[[mpmath.mpf], mpmath.mpf], length: mpmath.mpf) -> mpmath.mpf:
+    """Return where f changes its sign between 0 and a length."""
+    # 33 digits are far beyond a double.
+    return mpmath.findroot(f, (0, length), solver="illinois", tol=1e-33, maxsteps=110, verify=False)

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads decks without the Verilog: a row scanner and synchronizers in a few lines of Python with
-ngspice.
-"""
+"""Reads decks without the Verilog: a row scanner and synchronizers in Python with ngspice."""
 
 from __future__ import annotations
 

@@ -32,44 +32,30 @@ IDEAL: dict[str, Any] = {
 # If all other fields are ideal, the walk needs only rationals.
 _RATIONAL = frozenset({"x", "w0", "packet", "rise", "fall"})
 
-# Beyond this duty every second clock has a one, whatever else happens; infinite duties have no
-# walk.
+_LEVELS = ("rise", "fall")
+# Beyond this duty every second clock has a one; infinite duties have no walk.
 _X_SURE = 1e15
 
 
 def interval(cell: Mapping[str, Any], clocks: int, late: float = 1.0, margin: float = 0.0) -> tuple[int, int]:
-    """Return the least and largest count of a cell with its levels moved by at most `margin`
-    packets.
+    """Return the least and largest count of a cell (`cell_of`) with its levels moved by `margin` packets.
 
-    Parameters
-    ----------
-    cell : mapping
-        As from `cell_of`.
-    clocks : int
-        Decisions.
-    late : float
-        Clocks from a decision to its packet: 1, or 1/2 behind the latch.
-    margin : float
-        Of the levels, in packets.
+    A packet follows its decision by `late` clocks: 1, or 1/2 with the latch.
     """
-    shifts = (margin, -margin) if margin else (0.0,)
-    counts = [_count(_moved(cell, Fraction(shift)), clocks, late) for shift in shifts]
+    counts = []
+    for by in (Fraction(margin), -Fraction(margin)) if margin else (Fraction(0),):
+        levels = {
+            name: cell[name] + (_mpf(by) if isinstance(cell[name], mpmath.mpf) else by) for name in _LEVELS
+        }
+        counts.append(_count({**cell, **levels}, clocks, late))
     return min(counts), max(counts)
-
-
-def _moved(cell: Mapping[str, Any], by: Fraction) -> dict[str, Any]:
-    rise, fall = (
-        cell[name] + (_mpf(by) if isinstance(cell[name], mpmath.mpf) else by) for name in ("rise", "fall")
-    )
-    return {**cell, "rise": rise, "fall": fall}
 
 
 def _count(cell: Mapping[str, Any], clocks: int, late: float) -> int:
     x = min(max(cell["x"], -_X_SURE), _X_SURE)
     plain = all(cell[name] == IDEAL[name] for name in IDEAL if name not in _RATIONAL)
     if plain and cell["rise"] == cell["fall"] and not any(isinstance(cell[n], mpmath.mpf) for n in _RATIONAL):
-        # The latch takes the packet earlier, but still after its own one and before the next sample
-        # that may be a one.
+        # The latch takes the packet earlier, but before the next sample that may be a one.
         return count_exact(x, clocks, *(cell[n] for n in ("w0", "packet", "rise")))
     with mpmath.workdps(DIGITS):
         numbers = {name: _mpf(value) for name, value in {**cell, "x": x}.items()}
@@ -86,27 +72,15 @@ def _mpf(value: Any) -> mpmath.mpf:
 def cell_of(
     x: float, effects: Mapping[str, Any], interface: Mapping[str, Any], f_clk_hz: float = 5e6
 ) -> dict[str, Any]:
-    """Return the converter of a scene in packets and clocks, derived from the circuit without the
-    package.
+    """Return the converter of a scene with duty `x` in packets and clocks, derived without the package.
 
-    Parameters
-    ----------
-    x : float
-        Duty; its binary value is exact.
-    effects, interface : mapping
-        As in a scene (conveyor_mirror, where stored charge drives the output down), numbers all given.
-    f_clk_hz : float
-        Clock.
+    Effects and interface are as in a scene (conveyor_mirror, where stored charge drives the output down).
 
-    Notes
-    -----
     An amplifier of gain A behind a capacitor C with 1/R across its input: the output is A / (1 + A) of the capacitor's
     voltage and the input sees 1 / (1 + A) of it, so the charge decays with R C (1 + A). A gain-bandwidth product g lets
     the output follow in 1 / (2 pi g) A / (1 + A). A level in volt is one of the output.
     """
-    i0, c_int = (
-        Fraction(interface.get(name, value)) for name, value in (("i0_a", 25e-6), ("c_int_f", 5e-12))
-    )
+    i0, c_int = Fraction(interface.get("i0_a", 25e-6)), Fraction(interface.get("c_int_f", 5e-12))
     packet_v = i0 / Fraction(f_clk_hz) / c_int
 
     def value(effect: str, key: str) -> Fraction:
@@ -134,6 +108,4 @@ def cell_of(
         with mpmath.workdps(DIGITS):
             gbw = _mpf(value("integrator_bandwidth", "gbw_hz"))
             cell["lag"] = _mpf(share * Fraction(f_clk_hz)) / (2 * mpmath.pi * gbw)
-        if gain is None:  # no conductance across the input is worth a name: a scene without gain has none
-            cell["across"] = Fraction(0)
     return cell

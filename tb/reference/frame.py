@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Codes of a frame with effects in 50 digits: the network by nodal.py, the converter from clock to
-clock.
+"""Codes of a frame with effects in 50 digits: the network by nodal.py, the converter clock by clock.
 
 Slow and obvious on purpose; it shares only the records with the engines.
 """
@@ -47,13 +46,7 @@ def count(x: mpf, clocks: int, packet: mpf, start: mpf, level: mpf, lag: mpf) ->
 
 @mp.workdps(DIGITS)
 def codes(plan: Plan, number: int = 0) -> NDArray[np.int64]:
-    """Return the codes [rows, cols] of a frame of a plan.
-
-    Raises
-    ------
-    ValueError
-        A field of the records that this reference does not model is not ideal.
-    """
+    """Return the codes [rows, cols] of a frame of a plan; ValueError if a field is on that is not in HONOURS."""
     if unknown := plan.active_fields() - HONOURS:
         raise ValueError(f"no reference for {', '.join(sorted(unknown))}")
     converter, found = plan.converter, np.zeros((plan.rows, plan.cols), dtype=np.int64)

@@ -53,9 +53,9 @@ NEEDS = {
     "source_stepping": ("v1 a 0 30", "r1 a b 10", _DIODE, TIGHT),
     "ramp": ("v1 a 0 30", "r1 a b 10", _DIODE, _LOCKED, "r2 o n 1k", "c2 n 0 1n", TIGHT),
 }
-"""By rung, a circuit with one operating point, at node b, that no lower rung finds: a
-saturating element of 1 A/uV without damping; an exponential of 20 mV from 0 V on; the same with a
-loop that has no state at a fraction of the supply, where source stepping stops."""
+"""By rung, a circuit with one operating point, at node b, that no lower rung finds: a saturating
+element of 1 A/uV; an exponential of 20 mV from 0 V on; the same with a loop that has no state at a
+fraction of the supply, where source stepping stops."""
 
 
 LEAP = (
@@ -63,9 +63,7 @@ LEAP = (
     "rleap high leap 1meg",
     "bleap leap 0 i = time > 60u ? 1e-6*tanh(200*(v(leap) - 0.5)) : 0",
 )
-"""A saturating law that begins at 60 us, at a node without charge: no sequence of steps leads from
-1 V to its final value.
-"""
+"""A saturating law that begins at 60 us at a node without charge: no steps lead from 1 V to its end."""
 
 
 def leap_v() -> float:
@@ -77,16 +75,16 @@ def needed_operating_point(rung: str) -> mpmath.mpf:
     """Return v(b) of a circuit of NEEDS in thirty digits."""
     with mpmath.workdps(30):
         if rung == "gmin_stepping":
-            # with v = 1/2 + d: 1/2 - d = tanh(1e6 d) + 1e-9 exp(20 + 40 d), solved for the argument
-            # of tanh
+            # With v = 1/2 + d: 1/2 - d = tanh(1e6 d) + 1e-9 exp(20 + 40 d), solved for that of tanh.
             def law(d: mpmath.mpf) -> mpmath.mpf:
-                rest = mpmath.mpf(0.5) - d - mpmath.exp(20 + 40 * d) / 10**9
-                return d - mpmath.atanh(rest) / 10**6
+                return d - mpmath.atanh(0.5 - d - mpmath.exp(20 + 40 * d) / 10**9) / 10**6
 
-            lean = mpmath.findroot(law, (1e-8, 2e-8))
-            return mpmath.mpf(0.5) + lean
-        law = lambda v: (30 - v) / 10 - mpmath.mpf("1e-14") * (mpmath.exp(v / mpmath.mpf("0.02")) - 1)  # noqa: E731
-        return mpmath.findroot(law, mpmath.mpf("0.66"))
+            return 0.5 + mpmath.findroot(law, (1e-8, 2e-8))
+
+        def kirchhoff(v: mpmath.mpf) -> mpmath.mpf:
+            return (30 - v) / 10 - mpmath.mpf("1e-14") * (mpmath.exp(v / mpmath.mpf("0.02")) - 1)
+
+        return mpmath.findroot(kirchhoff, mpmath.mpf("0.66"))
 
 
 # ---- circuits without an answer ----------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import mpmath
@@ -11,11 +12,11 @@ from numpy.typing import NDArray
 
 from dermis.array.array import Network
 from dermis.records import Timing
+from tb.reference import nodal
 
 
 def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
-    """Return the extra charge of every clock of a slot, [rows, cols, clocks], from the matrix
-    exponential in 80 digits.
+    """Return the extra charge of every clock of a slot, [rows, cols, clocks], in 80 digits.
 
     Nothing is reduced or diagonalised: a source without resistance is taken as 1e-13 ohm and a node
     without capacitance as 1e-28 F, which moves charges by the same small part.
@@ -38,14 +39,13 @@ def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
                     continue
                 rest, rate, ohm = settles(network, driven, c)
                 distance = (now - rest) if now is not None else mpmath.zeros(n, 1)
-                per_clock = mpmath.expm(rate * clock, method="taylor")
-                of_change = mpmath.inverse(rate)
+                per_clock, of_change = mpmath.expm(rate * clock, method="taylor"), mpmath.inverse(rate)
                 for tick in ticks:
                     later = per_clock * distance
                     integral = of_change * (later - distance)
                     for k in range(cols):
                         # Current through the input resistance of column k is (v - offset) / r.
-                        out[row, k, tick] = float(integral[rows + k] / ohm[rows + k])
+                        out[row, k, tick] = float(integral[rows + k] / ohm[k])
                     distance = later
                 now = rest + distance
     return out
@@ -54,34 +54,30 @@ def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
 def settles(
     network: Network, driven: int | None, c: mpmath.matrix
 ) -> tuple[mpmath.matrix, mpmath.matrix, list[mpmath.mpf]]:
-    """Return settled voltages, the matrix of their rate of change and the resistance of each
-    node.
-    """
-    rows, cols, exact = network.rows, network.cols, mpmath.mpf
-    n = rows + cols
-    g, push, behind = mpmath.zeros(n, n), mpmath.zeros(n, 1), []
-    for k in range(n):
-        if k >= rows:
-            ohm, volt = network.r_column_ohm[k - rows], network.v_column_offset_v[k - rows]
-            push[k] += exact(float(network.i_leak_a[k - rows]))
-        elif k == driven:
-            ohm, volt = network.r_row_driven_ohm, network.v_bias_v
+    """Return settled voltages, the matrix of their rate of change and the resistance of each column."""
+    n, exact = network.rows + network.cols, mpmath.mpf
+    names = ("r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm")
+    series = {name: np.maximum(getattr(network, name), 1e-13) for name in names}
+    elements, held, injected = nodal.elements(dataclasses.replace(network, **series), driven, exact)
+    place = {("row", r): r for r in range(network.rows)}
+    place |= {("column", k): network.rows + k for k in range(network.cols)}
+    g, push = mpmath.zeros(n, n), mpmath.zeros(n, 1)
+    for node, current in injected.items():
+        push[place[node]] += current
+    for a, b, value in elements:
+        if b in place:
+            stamp(g, place[a], place[b], value)
         else:
-            ohm, volt = network.r_row_grounded_ohm, 0.0
-        behind.append(exact(max(float(ohm), 1e-13)))
-        if ohm != np.inf:
-            g[k, k] += 1 / behind[k]
-            push[k] += exact(float(volt)) / behind[k]
-    for r, k in itertools.product(range(rows), range(cols)):
-        stamp(g, r, rows + k, exact(float(network.g_taxel_s[r, k])))
-    for k in range(cols - 1):
-        stamp(g, rows + k, rows + k + 1, exact(rows * network.g_lateral_row_s))
-    for r in range(rows):
+            g[place[a], place[a]] += value
+            push[place[a]] += value * held[b]
+    for r in range(network.rows):
         g[r, r] += exact("1e-40")  # a floating row on which nothing hangs must rest somewhere
-    return mpmath.lu_solve(g, push), -mpmath.inverse(c) * g, behind
+    ohm = [exact(float(r)) for r in series["r_column_ohm"]]
+    return mpmath.lu_solve(g, push), -mpmath.inverse(c) * g, ohm
 
 
 def stamp(matrix: mpmath.matrix, a: int, b: int, value: mpmath.mpf) -> None:
+    """Add a conductance, or a capacitance, between two nodes."""
     matrix[a, a] += value
     matrix[b, b] += value
     matrix[a, b] -= value

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The slow, obvious reference of the array solve: the full nodal matrix, slot by slot, exact or in
-many digits.
+"""The reference of the array solve: the full nodal matrix, slot by slot, exact or in many digits.
 
 Nothing is reduced, reused or shared with dermis.array.array but the meaning of Network's fields
 (`bounded` runs it): every element is stamped between two named nodes, and Gauss's elimination runs
@@ -9,6 +8,7 @@ over Python's fractions (`column_currents(..., digits=0)`) or mpmath's numbers.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Any
@@ -25,26 +25,22 @@ Node = tuple[Any, ...]
 Element = tuple[Node, Node, Any]
 
 # A taxel of 0 ohm is the limit of small equal resistances. Compared with anything above 1e-23 ohm,
-# 1e-80 ohm differs from it by 1e-57, less than a double resolves; _SHORT_DIGITS more digits are
-# carried.
+# 1e-80 ohm differs from it by 1e-57, less than a double resolves; that takes _SHORT_DIGITS more digits.
 SHORT_S = 10**80
 _SHORT_DIGITS = 200
 
 
 def bounded(network: Network) -> list[tuple[Any, Any]]:
-    """Return what `dermis.array.array` makes of a network: the currents of the bias, and those of offsets and
-    leaks (None without either), [rows, cols], each with the bounds of their errors.
+    """Return the solved currents of the bias, and of offsets and leaks (None without either), with bounds.
+
+    All are [rows, cols] in ampere, from `dermis.array.array`.
     """
     bounds: list[tuple[Any, Any]] = []
 
     class Recording(solve_error.ErrorRecord):
         def check(self, driven: Any, rest: Any, part: Any, rest_error: Any) -> None:
-            bounds.append(
-                (
-                    solve_error.of(part, np.abs(driven)),
-                    np.broadcast_to(0.0 if rest is None else rest_error, driven.shape),
-                )
-            )
+            rest_bound = np.broadcast_to(0.0 if rest is None else rest_error, driven.shape)
+            bounds.append((solve_error.of(part, np.abs(driven)), rest_bound))
 
     token = solve_error._record.set(Recording())
     try:
@@ -57,36 +53,26 @@ def bounded(network: Network) -> list[tuple[Any, Any]]:
 def column_currents(
     network: Network, digits: int = 60, slots: Sequence[int] | None = None
 ) -> NDArray[np.float64]:
-    """Return column currents of some slots, [slots, cols] in ampere (all of them: [rows, cols]).
+    """Return column currents of some slots (driven rows), by default all, [slots, cols] in ampere.
 
-    Parameters
-    ----------
-    network : Network
-    digits : int
-        Decimal digits; 0 for exact fractions, which grow with the number of nodes: a dozen are quick.
-    slots : sequence of int, optional
-        The driven rows.
+    With `digits` 0 they are exact fractions, which grow with the number of nodes: a dozen are quick.
     """
     places = range(network.rows) if slots is None else slots
     out = np.empty((len(places), network.cols))
     more = _SHORT_DIGITS if np.isinf(network.g_taxel_s).any() or network.r_return_ohm else 0
     with mpmath.workdps(digits + more if digits else 15):
         for i, row in enumerate(places):
-            out[i] = [
-                float(current)
-                for current in slot_currents(network, row, Fraction if digits == 0 else mpmath.mpf)
-            ]
+            out[i] = list(map(float, slot_currents(network, row, mpmath.mpf if digits else Fraction)))
     return out
 
 
-def elements(network: Network, driven: int, exact: Callable[[Any], Any]) -> tuple[list[Element], dict, dict]:
-    """Return every element as (node, node, conductance), the voltages of nodes that are held, the
-    injected currents.
-    """
+def elements(
+    network: Network, driven: int | None, exact: Callable[[Any], Any]
+) -> tuple[list[Element], dict[Node, Any], dict[Node, Any]]:
+    """Return elements (node, node, conductance), voltages of nodes that are held, injected currents."""
     rows, cols, zero = network.rows, network.cols, exact(0)
 
-    # Nodes by name. After its driver a row line is ("row", r), before its input a column ("column",
-    # c).
+    # After its driver a row line is ("row", r), before its input a column ("column", c).
     def on_row(r: int, c: int) -> Node:
         return ("on_row", r, c) if network.r_trace_row_ohm else ("row", r)
 
@@ -147,13 +133,13 @@ def slot_currents(network: Network, driven: int, exact: Callable[[Any], Any] = m
     found, known, injected = elements(network, driven, exact)
     voltage = dict(known)
     # Unconnected nodes carry no current: only nodes tied to a source count.
-    near: dict[Node, list[Node]] = {}
+    near: dict[Node, list[Node]] = defaultdict(list)
     for a, b, _ in found:
-        near.setdefault(a, []).append(b)
-        near.setdefault(b, []).append(a)
+        near[a].append(b)
+        near[b].append(a)
     tied, rim = set(known), list(known)
     while rim:
-        for other in near.get(rim.pop(), []):
+        for other in near[rim.pop()]:
             if other not in tied:
                 tied.add(other)
                 rim.append(other)
@@ -175,11 +161,8 @@ def slot_currents(network: Network, driven: int, exact: Callable[[Any], Any] = m
     for c in range(network.cols):
         node: Node = ("column", c)
         if network.r_column_ohm[c] == 0:  # all that flows in from the array
-            total = injected[node]
-            for a, b, g in found:
-                if node in (a, b):
-                    other = b if a == node else a
-                    total += g * (voltage[other] - voltage[node])
+            ends = ((b if a == node else a, g) for a, b, g in found if node in (a, b))
+            total = injected[node] + sum(g * (voltage[other] - voltage[node]) for other, g in ends)
         else:
             held = exact(float(network.v_column_offset_v[c]))
             total = (voltage[node] - held) / exact(float(network.r_column_ohm[c]))
@@ -188,9 +171,7 @@ def slot_currents(network: Network, driven: int, exact: Callable[[Any], Any] = m
 
 
 def gauss(matrix: list[list[Any]], right: list[Any]) -> list[Any]:
-    """Solve matrix x = right by elimination without pivoting, which a positive definite matrix does
-    not need.
-    """
+    """Solve matrix x = right, positive definite, by elimination without pivoting."""
     n = len(right)
     matrix, right = [list(row) for row in matrix], list(right)
     for k in range(n):

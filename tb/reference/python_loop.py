@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The clock loop in Python, the slow and obvious reference of clock_loop.c, and both in one HDL
-simulation.
+"""The clock loop in Python, the reference of clock_loop.c, and both in one HDL simulation.
 
 The HDL simulator loads this module for `both`.
 """
@@ -50,9 +49,8 @@ class PythonBridge(bridge.Bridge):
         for clock in range(1, round(bridge.analog_s(timing, len(self._rows)) / t_clk) + 1):
             sample = half.advance(clock * t_clk, edges)
             kept.append(sample[: self._samples].copy())
-            dut.comp_async_i.set(
-                Immediate(sum(int(v > 0.0) << c for c, v in enumerate(sample[: self._cols])))
-            )
+            bits = sum(int(v > 0.0) << c for c, v in enumerate(sample[: self._cols]))
+            dut.comp_async_i.set(Immediate(bits))
             await FallingEdge(dut.clk_i)
             if self._sync_latch:
                 await self._settled
@@ -86,27 +84,20 @@ class LateHalf(NgspiceHalf):
 
 @dataclass(frozen=True)
 class Job:
-    """What `both` runs: a plan, its analog half ("ngspice", "split" by columns, or "exact"), the
-    synchronizer, and clock_loop.c from another place.
-    """
+    """What `both` runs."""
 
     plan: Plan
-    half: str = "ngspice"
+    half: str = "ngspice"  # or "split" by columns, or "exact"
     sync_latch: bool = False
-    loop_source: Path | None = None
+    loop_source: Path | None = None  # clock_loop.c from another place
 
 
 async def both(dut: Any, job: Job, where: Path) -> list[dict[str, Any]]:
     """Return codes, samples, trace, steps and waveform of the loop in C, then of the one in Python."""
     ngspice.LOOP_SOURCE = job.loop_source or ngspice.LOOP_SOURCE
     plan, workers = job.plan, Workers(where / "ngspice.log")
-    options: dict[str, Any] = {
-        "t_edge_s": 1e-9,
-        "t_max_step_s": 1e-6,
-        "t_stop_s": bridge.analog_s(plan.timing),
-        "record": True,
-    }
-    width = plan.cols * (1 if job.half == "exact" else 2)  # comparators, then integrators
+    times = {"t_edge_s": 1e-9, "t_max_step_s": 1e-6, "t_stop_s": bridge.analog_s(plan.timing)}
+    width = plan.cols * (2 if job.half == "ngspice" else 1)  # comparators, then integrators
     found = []
     for chip_class, half_class in ((bridge.Bridge, NgspiceHalf), (PythonBridge, LateHalf)):
         halves: list[tuple[Any, Any]] = []
@@ -116,13 +107,14 @@ async def both(dut: Any, job: Job, where: Path) -> list[dict[str, Any]]:
                 return netlist.frame_deck(plan, frame, levels, record=True, columns=columns)
 
             if job.half == "exact":
-                return ExactHalf(
-                    plan.duty_ideal()[frame], levels, t_clk_s=1.0 / plan.timing.f_clk_hz, t_edge_s=1e-9
-                )
+                t_clk_s = 1.0 / plan.timing.f_clk_hz
+                return ExactHalf(plan.duty_ideal()[frame], levels, t_clk_s=t_clk_s, t_edge_s=1e-9)
             if job.half == "split":
-                half = SplitHalf({(c,): deck((c,)) for c in range(plan.cols)}, plan.rows, workers, **options)
+                half = SplitHalf(
+                    {(c,): deck((c,)) for c in range(plan.cols)}, plan.rows, workers, record=True, **times
+                )
             else:
-                half = half_class(deck(), log=where / "ngspice.log", **options)
+                half = half_class(deck(), log=where / "ngspice.log", record=True, **times)
             close = half.close
 
             def closed() -> None:
@@ -132,14 +124,7 @@ async def both(dut: Any, job: Job, where: Path) -> list[dict[str, Any]]:
             half.close = closed
             return half
 
-        chip = chip_class(
-            dut,
-            plan.timing,
-            plan.cols,
-            sync_latch=job.sync_latch,
-            trace=True,
-            samples=plan.cols if job.half == "split" else width,
-        )
+        chip = chip_class(dut, plan.timing, plan.cols, sync_latch=job.sync_latch, trace=True, samples=width)
         codes = await chip.run(plan.frames, make)
         found.append({"codes": codes, "samples": chip.samples, "trace": vars(chip.trace), "halves": halves})
     workers.close()

@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random scenes for tests and programs: every stimulus, interface and effect, from defaults to the
-ends of ranges.
+"""Random scenes for tests and programs: every stimulus, interface and effect, to the ends of ranges.
 
-``random_scene(random.Random(7), PROFILES["auto"])`` returns a `World`: the tables of a scene file
-in ``scene``, its csv files in ``files``, its changes of the design in ``design``.
-``world.read(directory)`` writes the files and loads the scene, ``world.plan(directory, engine)``
-plans it.
+``random_scene(random.Random(7), PROFILES["auto"])`` returns a `World`, whose ``read(directory)`` writes
+its files and loads the scene. `of_resistances` makes a scene of given taxels.
 """
 
 from __future__ import annotations
@@ -21,15 +18,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dermis import effects
-from dermis import plan as planning
 from dermis.converter.vfc import W_PRESET
-from dermis.records import Plan
 from dermis.scene import scene as scenes
-from dermis.scene.design import TOPOLOGIES, Design
+from dermis.scene import schema
+from dermis.scene.design import TOPOLOGIES
 from dermis.scene.design import load as load_design
 from dermis.scene.schema import write_toml
 
+Floats = NDArray[np.float64]
 Data = dict[str, Any]
 Rng = random.Random
 
@@ -38,46 +38,26 @@ Rng = random.Random
 class World:
     """A scene with everything it depends on, as plain data.
 
-    Attributes
-    ----------
-    scene : dict
-        Tables of a scene file.
-    design : dict
-        Section -> key -> value: differences from models/design.toml.
-    files : dict
-        Name of a csv file of the scene -> its lines of numbers.
-    why, engines : str
-        Of a stored case: the defect, and the engines whose laws it is checked against.
-    refused : str
-        Of a stored case: part of the line that refuses it; empty if it is not refused.
+    Of a stored case `why` is the defect, `engines` whose laws it is checked against, and `refused` part of
+    the line that refuses it, empty if it is not refused.
     """
 
-    scene: Data
-    design: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    files: Mapping[str, list[list[float]]] = field(default_factory=dict)
+    scene: Data  # tables of a scene file
+    design: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # changes of models/design.toml
+    files: Mapping[str, list[list[float]]] = field(default_factory=dict)  # lines of its csv files, by name
     why: str = ""
     engines: str = "closed,event"
     refused: str = ""
 
-    def design_of(self) -> Design:
-        """Return the design with the changes of this world."""
-        base = load_design()
-        return (
-            base.replace(**{name: dict(keys) for name, keys in self.design.items()}) if self.design else base
-        )
-
     def read(self, directory: Path) -> scenes.Scene:
-        """Write the files into `directory` and load the scene; raises InputError as for any
-        scene.
-        """
+        """Write the files into `directory` and load the scene; raises InputError as for any scene."""
         for name, lines in self.files.items():
             text = "\n".join(",".join(map(repr, line)) for line in lines) + "\n"
             (directory / name).write_text(text, encoding="ascii")
-        return scenes.from_data(self.scene, directory / "scene.toml", self.design_of())
-
-    def plan(self, directory: Path, engine: str | None) -> Plan:
-        """Plan the scene; without an engine as `dermis run` does."""
-        return planning.make(self.read(directory), engine)
+        design = load_design()
+        if self.design:
+            design = design.replace(**{name: dict(keys) for name, keys in self.design.items()})
+        return scenes.from_data(self.scene, directory / "scene.toml", design)
 
     def to_toml(self) -> str:
         """Return everything as one TOML file, which `load` reads."""
@@ -89,6 +69,19 @@ class World:
         return "# SPDX-License-Identifier: Apache-2.0\n" + write_toml(head | tables)
 
 
+def of_resistances(ohm: Floats, on: Data, interface: Data | None = None, name: str = "made") -> scenes.Scene:
+    """Return a scene of taxels [frames, rows, cols] in ohm with effects `on`."""
+    data = {
+        "array": {"rows": ohm.shape[1], "cols": ohm.shape[2]},
+        "stimulus": {"kind": "resistance", "file": "taxels.npy"},
+        "interface": interface or {},
+        "effects": on,
+    }
+    path = Path(f"{name}.toml")
+    table = schema.validate(scenes.SceneTable, data, path)
+    return scenes.resolve(table.model_copy(update={"stimulus": table.stimulus.given(ohm)}), path)
+
+
 def load(path: Path) -> World:
     """Read a file of `World.to_toml`."""
     data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -98,36 +91,18 @@ def load(path: Path) -> World:
 
 @dataclass(frozen=True)
 class Profile:
-    """Limits of random scenes.
+    """Limits of random scenes."""
 
-    Attributes
-    ----------
-    sizes : dict
-        ((least, most rows), (least, most cols)) -> weight.
-    frames : tuple of int
-        Numbers of frames, one of them is drawn.
-    noise, designs, extremes, stimuli : bool
-        Effects that draw numbers; changed clocks and bits; parameters such as 1e30; stimuli other than resistances.
-    often : tuple of float
-        Shares of effects that are on, one of them is drawn.
-    auto : float
-        Share of scenes with `auto`.
-    budgets : tuple of float
-        Budgets of `auto` in LSB.
-    gentle : bool
-        Weak effects only, in combinations that engine event accepts all on.
-    """
-
-    sizes: Mapping[tuple[tuple[int, int], tuple[int, int]], float]
-    frames: tuple[int, ...] = (1, 1, 2, 3, 5)
-    noise: bool = True
-    designs: bool = True
-    extremes: bool = True
-    stimuli: bool = True
-    often: tuple[float, ...] = (0.0, 0.05, 0.15, 0.4, 0.8)
-    auto: float = 0.0
-    budgets: tuple[float, ...] = (0.0, 0.05, 0.25, 0.5, 2.0)
-    gentle: bool = False
+    sizes: Mapping[tuple[tuple[int, int], tuple[int, int]], float]  # weights of ends of rows and columns
+    frames: tuple[int, ...] = (1, 1, 2, 3, 5)  # one of them is drawn
+    noise: bool = True  # effects that draw numbers
+    designs: bool = True  # changed clocks and bits
+    extremes: bool = True  # parameters such as 1e30
+    stimuli: bool = True  # other than resistances
+    often: tuple[float, ...] = (0.0, 0.05, 0.15, 0.4, 0.8)  # shares of effects on, one of them is drawn
+    auto: float = 0.0  # share of scenes with `auto`
+    budgets: tuple[float, ...] = (0.0, 0.05, 0.25, 0.5, 2.0)  # of `auto`, LSB
+    gentle: bool = False  # weak effects only, in combinations that engine event accepts all on
 
 
 def _exactly(rows: int, cols: int) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -135,7 +110,7 @@ def _exactly(rows: int, cols: int) -> tuple[tuple[int, int], tuple[int, int]]:
 
 
 _RARE = {_exactly(*size): 1e-3 for size in ((1, 256), (256, 1), (64, 3), (3, 64), (32, 32))}
-_SMALL = {((1, 3), (1, 3)): 1.0}
+_SMALL, _LARGE = {((1, 3), (1, 3)): 1.0}, {_exactly(16, 16): 1.0, ((3, 19), (3, 19)): 1.0}
 _PLAIN = Profile(_SMALL, (1,), noise=False, designs=False, extremes=False, stimuli=False)
 PROFILES = {
     "closed,event": Profile(
@@ -150,19 +125,10 @@ PROFILES = {
     ),
     "cosim": _PLAIN,
     "auto": Profile(
-        {_exactly(16, 16): 1.0, ((3, 19), (3, 19)): 1.0},
-        (24,),
-        designs=False,
-        extremes=False,
-        often=(0.7,),
-        auto=1.0,
-        budgets=(0.0,),
-        gentle=True,
+        _LARGE, (24,), designs=False, extremes=False, often=(0.7,), auto=1.0, budgets=(0.0,), gentle=True
     ),
 }
-"""Name -> limits: engines of `dermis campaign`, and "auto" for comparisons of `auto` with
-everything on.
-"""
+"""Limits by engines of `dermis campaign`, and "auto" for comparisons of `auto` with everything on."""
 
 KINDS = ("indenter", "slip", "tapping", "ramp", "several", "uniform", "frames", "resistance")
 
@@ -182,12 +148,9 @@ def number(rng: Rng, low: float, high: float) -> float:
 
 
 def random_scene(rng: Rng, profile: Profile) -> World:
-    """Return a random world within the limits of a profile, a function of the state of `rng`
-    alone.
-    """
-    rows, cols = (
-        rng.randint(*ends) for ends in rng.choices(list(profile.sizes), list(profile.sizes.values()))[0]
-    )
+    """Return a random world within the limits of a profile, a function of the state of `rng` alone."""
+    [size] = rng.choices(list(profile.sizes), list(profile.sizes.values()))
+    rows, cols = (rng.randint(*ends) for ends in size)
     design = _design(rng) if profile.designs and rng.random() > 0.6 else {}
     topology = rng.choice(TOPOLOGIES)
     interface = _interface(rng, topology, design, profile)
@@ -204,7 +167,7 @@ def random_scene(rng: Rng, profile: Profile) -> World:
     if kind == "resistance":
         gate = design.get("timing", {}).get("gate_clocks", load_design().timing.gate_clocks)
         scene["stimulus"] = {"kind": kind, "file": "taxels.csv"}
-        ohm = _taxel(rng, _unit_ohm(interface), gate, profile)
+        ohm = _taxel(rng, unit_ohm(interface), gate, profile)
         files["taxels.csv"] = [[ohm() for _ in range(cols)] for _ in range(frames * rows)]
     else:
         scene["stimulus"] = _stimulus(rng, kind, rows, cols, max(frames, 2), files)
@@ -249,7 +212,7 @@ def _interface(rng: Rng, topology: str, design: Mapping[str, Data], profile: Pro
     return found
 
 
-def _unit_ohm(interface: Data) -> float:
+def unit_ohm(interface: Mapping[str, Any]) -> float:
     """Return the resistance of a taxel with a duty of 1."""
     base = load_design()
     current = interface.get("k", base.interface.k) * interface.get("i0_a", base.converter.i0_a)
@@ -280,9 +243,7 @@ def _taxel(rng: Rng, unit: float, gate: int, profile: Profile) -> Callable[[], f
 
 @functools.cache
 def _parameters(topology: str) -> dict[str, dict[str, float | None]]:
-    """Return effect -> parameter -> default of the effects of a topology; None: the scene must give
-    it.
-    """
+    """Return defaults by effect and parameter; None where the scene must give it."""
     design = load_design()
     return {
         effect.name: effect.table().model_dump() | effect.defaults(design, topology)
@@ -310,21 +271,15 @@ def _effects(rng: Rng, topology: str, cols: int, profile: Profile) -> Data:
             value: Any = _value(rng, name, key, default if profile.gentle else None, decades)
             if strength == "extreme" and rng.random() > 0.7:
                 value = math.copysign(rng.choice(_EXTREMES), value)
-            if _listed(name, key) and rng.random() > 0.7:
+            kinds = typing.get_args(effect.table.model_fields[key].annotation)
+            if any("list" in str(kind) for kind in kinds) and rng.random() > 0.7:
                 value = [value * rng.choice((effect.signs(key)[0], 0.25, 0.5, 1)) for _ in range(cols)]
             on[name][key] = value
     return on
 
 
-def _listed(name: str, key: str) -> bool:
-    annotation = effects.EFFECTS[name].table.model_fields[key].annotation
-    return any("list" in str(a) for a in typing.get_args(annotation))
-
-
 def _value(rng: Rng, name: str, key: str, default: float | None = None, decades: float = 0.0) -> float:
-    """Draw a parameter within its range, or decades beyond; with a default no stronger than twice
-    that.
-    """
+    """Draw a parameter within its range, or decades beyond; at most twice a default that is given."""
     effect = effects.EFFECTS[name]
     low, high = effect.range()[key]
     if default:

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An engine to copy from: the charge balance of ideal converters, one clock after the other for all
-taxels at once.
+"""An engine to copy from: the charge balance of ideal converters, clock by clock for all taxels at once.
 
-CONTRIBUTING.md explains it, and tb/model/test_engine_contract.py holds it to what every engine
-owes.
+CONTRIBUTING.md explains it; tb/model/test_engine_contract.py holds it to what every engine owes.
 """
 
 from __future__ import annotations
@@ -17,8 +15,7 @@ from dermis.converter.vfc import code_type
 from dermis.engines import Result
 from dermis.records import Plan
 
-# Fields of the records that `run` reads. A scene that needs any other is refused by name before it
-# gets here.
+# Fields of the records that `run` reads. A scene that needs any other is refused before it gets here.
 HONOURS = frozenset({"r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm"})
 
 

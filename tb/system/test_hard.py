@@ -15,9 +15,9 @@ import seeded_faults
 from dermis.errors import InputError
 from dermis.report import verdict
 from scripts import workers
-from tb.programs.hard import converter_runs, networks, runner
+from tb.programs.hard import converter, networks, runner
 from tb.programs.hard.case import Case
-from tb.programs.hard.converter_runs import World
+from tb.programs.hard.converter import World
 from tb.reference import exact
 
 # ---- the suite ----------------------------------------------------------------------------------------------
@@ -43,9 +43,7 @@ def test_the_table_of_cases_is_complete() -> None:
         assert case.runs, f"{case.name}: nothing runs it"
         assert not set(case.runs) & set(case.refused), f"{case.name}: an engine both runs and cannot"
         if case.group == "converter":
-            assert {"closed", "event", "icarus", "verilator", "cosim"} <= {*case.runs, *case.refused}, (
-                case.name
-            )
+            assert set(converter.ALL) <= {*case.runs, *case.refused}, case.name
 
 
 def test_a_word_chooses_by_name_or_group_and_nothing_is_refused() -> None:
@@ -67,17 +65,10 @@ def _seconds_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(seeded_faults.SLEEP, f"1717.{os.getpid()}{next(_numbers):03d}")
 
 
-def case_of(*runs: object, limit_s: float = 1.0) -> Case:
+def case_of(*names: str, limit_s: float = 1.0) -> Case:
     """A case whose runs are functions of seeded_faults."""
-    return Case(
-        name="seeded",
-        group="converter",
-        limit=0.0,
-        unit="lsb",
-        runs={run.__name__: run for run in runs},  # type: ignore[attr-defined]
-        limit_s=limit_s,
-        refused={"closed": "knows no faults"},
-    )
+    runs = {name: getattr(seeded_faults, name) for name in names}
+    return Case("seeded", "converter", runs, limit_s=limit_s, refused={"closed": "knows no faults"})
 
 
 def left_over() -> list[str]:
@@ -113,8 +104,8 @@ def test_every_way_of_going_wrong_is_a_row_that_says_so(monkeypatch: pytest.Monk
     monkeypatch.setattr(os, "getloadavg", lambda: (0.0, 0.0, 0.0))  # the limits as they stand
     # Those that never end have a second; on a starved machine the others may need more.
     endless = ("hang", "hang_with_child", "deaf", "too_slow")
-    quick = case_of(*(getattr(seeded_faults, name) for name in expected if name not in endless), limit_s=60.0)
-    slow = case_of(*(getattr(seeded_faults, name) for name in endless))
+    quick = case_of(*(name for name in expected if name not in endless), limit_s=60.0)
+    slow = case_of(*endless)
     rows = runner.run([quick, dataclasses.replace(slow, name="slow")], 2, "converter")
     found = {row["name"].rsplit(".", 1)[1]: row for row in rows}
     skipped = found.pop("closed")  # one row for both cases
@@ -131,7 +122,7 @@ def test_every_way_of_going_wrong_is_a_row_that_says_so(monkeypatch: pytest.Monk
 def test_a_busy_machine_gives_a_run_more_time(monkeypatch: pytest.MonkeyPatch) -> None:
     cores = os.cpu_count() or 1
     monkeypatch.setattr(os, "getloadavg", lambda: (20.0 * cores, 0.0, 0.0))
-    rows = runner.run([case_of(seeded_faults.too_slow)], 1, "converter")
+    rows = runner.run([case_of("too_slow")], 1, "converter")
     assert rows[0]["status"] == "PASS"
 
 
@@ -155,10 +146,10 @@ def test_a_margin_opens_the_interval_only_beside_a_level() -> None:
 
 def test_cases_see_an_engine_that_is_off_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
     world = World((0.1, 0.2, 100 / 510))
-    assert converter_runs.codes("event", world).error == 0.0
-    right = converter_runs.ENGINES["event"]
-    monkeypatch.setitem(converter_runs.ENGINES, "event", lambda w: right(w) + np.array([0, 0, 1] + [0] * 5))
-    found = converter_runs.codes("event", world)
+    assert converter.codes("event", world).error == 0.0
+    right = converter.ENGINES["event"]
+    monkeypatch.setitem(converter.ENGINES, "event", lambda w: right(w) + np.array([0, 0, 1] + [0] * 5))
+    found = converter.codes("event", world)
     assert found.error == 1.0
     assert "101, exactly 100" in found.note
 

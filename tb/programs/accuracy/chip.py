@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis accuracy-chip`: resolution of the chip against conversion time, and the energy of a
-conversion.
+"""`dermis accuracy-chip`: resolution of the chip against conversion time, and energy of a conversion.
 
 Every resolution is simulated: engine event reads random forces clock by clock with effects and
 seeded noise, a straight line removes gain and offset as a calibration would, and the rest is
@@ -9,14 +8,12 @@ compared with that of an ideal quantiser, a step / sqrt(12).
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import math
 import operator
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,42 +33,33 @@ from dermis.report.figures import save
 from dermis.scene import design as design_module
 from dermis.scene import scene
 from dermis.scene.design import Design
+from scripts import judged
 from tb.programs.accuracy import simulator
 
 Floats = NDArray[np.float64]
 
-HALF = 0.5
-"""Duty at full force."""
-SETTLE_S = 23e-6
-"""Settling time of the paper's slot: 115 clocks at 5 MHz."""
+HALF = 0.5  # duty at full force
+SETTLE_S = 23e-6  # settling time of the paper's slot: 115 clocks at 5 MHz
 PAPER_BITS, PAPER_HZ = 8, 5e6
-BITS = range(3, 16)
-"""Bits of a code, for gates of 2 (2^n - 1) clocks, 14 to 65534."""
+BITS = range(3, 16)  # bits of a code, for gates of 2 (2^n - 1) clocks, 14 to 65534
 CLOCKS_HZ = (1e6, 2e6, 5e6, 10e6, 20e6, 50e6)
 SEEDS = (1, 2, 3)
 # Forces lie in this part of the range: errors of gain and pedestals must not saturate a code.
 RANGE = (0.002, 0.9)
 
-
-def _on(*names: str) -> dict[str, Any]:
-    return dict.fromkeys(names, True)
-
-
-NOISE = _on("comparator_noise", "metastability", "clock_jitter", "thermal_noise", "shot_noise", "ktc_noise")
-BENDS = _on("integrator_gain", "integrator_bandwidth", "comparator_offset", "comparator_hysteresis")
-BENDS |= _on("comparator_delay", "charge_packet", "preset_error", "mirror_ratio", "mirror_output")
-QUANTISED = "quantisation"
-FULL = "+ range switch"
-"""The curve with all effects."""
+QUANTISED, FULL = "quantisation", "+ range switch"
+"""The curves without an effect and with all of them."""
 _ADDED = {
-    QUANTISED: {},
-    "+ noise": NOISE,
-    "+ slow noise of the reference": _on("flicker_noise"),
-    "+ non-linearity of the converter": BENDS,
-    "+ settling of the mirror": _on("mirror_lag"),
-    FULL: _on("range_switch"),
+    QUANTISED: "",
+    "+ noise": "comparator_noise metastability clock_jitter thermal_noise shot_noise ktc_noise",
+    "+ slow noise of the reference": "flicker_noise",
+    "+ non-linearity of the converter": "integrator_gain integrator_bandwidth comparator_offset "
+    "comparator_hysteresis comparator_delay charge_packet preset_error mirror_ratio mirror_output",
+    "+ settling of the mirror": "mirror_lag",
+    FULL: "range_switch",
 }
-STEPS = dict(zip(_ADDED, itertools.accumulate(_ADDED.values(), operator.or_), strict=True))
+_ON = (dict.fromkeys(names.split(), True) for names in _ADDED.values())
+STEPS = dict(zip(_ADDED, itertools.accumulate(_ON, operator.or_), strict=True))
 """Effects of each curve; each adds to the one before."""
 
 
@@ -81,14 +69,11 @@ def bits_of(error: float) -> float:
 
 
 def gate_of(bits: int) -> int:
-    """Return the clocks in which full scale counts to the highest code of `bits`, whatever the
-    phase.
-    """
+    """Return the clocks in which full scale counts to the highest code of `bits` at any phase."""
     return 2 * (2**bits - 1)
 
 
-PAPER = gate_of(PAPER_BITS)
-"""Clocks of the paper's gate."""
+PAPER = gate_of(PAPER_BITS)  # clocks of the paper's gate
 
 
 @dataclass(frozen=True)
@@ -107,9 +92,7 @@ class Point:
 
 
 def design_at(f_clk_hz: float) -> Design:
-    """Return the design at another clock; the capacitor keeps a packet at its voltage, as in
-    `dermis calc`.
-    """
+    """Return the design at another clock; the capacitor keeps the voltage of a packet."""
     base = design_module.load()
     slot_s = base.timing.slot_clocks / f_clk_hz
     return base.replace(
@@ -121,13 +104,7 @@ def design_at(f_clk_hz: float) -> Design:
 def plan_at(
     duty: Floats, effects: Mapping[str, Any], gate_clocks: int, f_clk_hz: float = PAPER_HZ, seed: int = 0
 ) -> Plan:
-    """Return a plan that reads ideal duties [frames, rows, cols] with any gate.
-
-    Raises
-    ------
-    ValueError
-        A gate beyond the 16 bits of the chip's register.
-    """
+    """Return a plan that reads ideal duties [frames, rows, cols]; ValueError for a gate beyond 16 bits."""
     if not 1 <= gate_clocks <= LONGEST_GATE:
         raise ValueError(f"a gate of {gate_clocks} clocks, allowed 1..{LONGEST_GATE}")
     rows, cols = duty.shape[-2:]
@@ -170,9 +147,11 @@ def measured(
     effects: Mapping[str, Any], gate_clocks: int, f_clk_hz: float = PAPER_HZ, seeds: Sequence[int] = SEEDS
 ) -> float:
     """Return bits: the median over seeds, each with its own forces and noise."""
-    duties = ((seed, random_duty(seed)) for seed in seeds)
-    plans = ((duty, plan_at(duty, effects, gate_clocks, f_clk_hz, seed)) for seed, duty in duties)
-    return statistics.median(judge(duty, counts(made)) for duty, made in plans)
+    duties = {seed: random_duty(seed) for seed in seeds}
+    return statistics.median(
+        judge(duty, counts(plan_at(duty, effects, gate_clocks, f_clk_hz, seed)))
+        for seed, duty in duties.items()
+    )
 
 
 # --- energy ----------------------------------------------------------------------------------------------------------
@@ -182,14 +161,9 @@ SUPPLY_QUANTITY = "supply_channel_a.conveyor_mirror"
 
 
 def channel_current_a() -> float:
-    """Measure the supply current of a channel by the bench of `dermis characterise`, in ngspice.
+    """Measure the supply current of a channel, in ampere, by the bench of `dermis characterise` in ngspice.
 
-    Raises
-    ------
-    SimulatorError
-        The measurement in ngspice failed.
-    InputError
-        The transistor models are not installed.
+    Raises SimulatorError if ngspice fails, InputError without the transistor models.
     """
     from scripts.characterise import benches, runs
 
@@ -200,9 +174,8 @@ def channel_current_a() -> float:
 def energy_j(slot_s: float, channel_a: float, duty: float = 0.25) -> float:
     """Return the energy of one conversion in joule, delivered by both supplies through a slot.
 
-    It adds the sensor's current, its copy through the mirror and the reference i0 of the charge
-    source, as design.toml declares them, and `channel_a`, the current of a channel from vdd without
-    a signal.
+    It adds the sensor's current, its copy through the mirror, the reference i0 of the charge source, and
+    `channel_a`, the current of a channel from vdd without a signal.
     """
     d = design_module.load()
     i_taxel = duty * d.interface.k * d.converter.i0_a
@@ -231,9 +204,7 @@ def energy_rows(paper: Point) -> list[verdict.Row]:
 
 
 def gate_points() -> list[Point]:
-    """Return resolution against gate length: each step at the paper's clock, all effects at the
-    others.
-    """
+    """Return resolution by gate length: each step at the paper's clock, all effects at the others."""
     asked = [(name, PAPER_HZ, n) for name in STEPS for n in BITS]
     asked += [(FULL, f, n) for f in CLOCKS_HZ if f != PAPER_HZ for n in BITS]
     return [
@@ -242,21 +213,22 @@ def gate_points() -> list[Point]:
     ]
 
 
+def curve_of(points: Sequence[Point], name: str, f_clk_hz: float) -> list[Point]:
+    """Return the points of a curve at a clock."""
+    return [p for p in points if (p.curve, p.f_clk_hz) == (name, f_clk_hz)]
+
+
 def waiting_ends(points: Sequence[Point], f_clk_hz: float) -> Point:
-    """Return the longest gate with all effects whose last doubling still gained a quarter of a
-    bit.
-    """
-    curve = [p for p in points if (p.curve, p.f_clk_hz) == (FULL, f_clk_hz)]
+    """Return the longest gate with all effects whose last doubling gained a quarter of a bit."""
+    curve = curve_of(points, FULL, f_clk_hz)
     short = (a for a, b in itertools.pairwise(curve) if b.bits < a.bits + 0.25)
     return next(short, curve[-1])
 
 
 def rows_of(gates: Sequence[Point]) -> list[verdict.Row]:
     """Return the results of the study, and its checks."""
-    name, paper = (
-        "accuracy_chip.",
-        {p.curve: p for p in gates if (p.gate_clocks, p.f_clk_hz) == (PAPER, PAPER_HZ)},
-    )
+    name = "accuracy_chip."
+    paper = {p.curve: p for p in gates if (p.gate_clocks, p.f_clk_hz) == (PAPER, PAPER_HZ)}
     # 512 random forces give their mean square to 4 %, 0.03 bit.
     rows = [
         verdict.within(f"{name}paper_point_bits.ideal", paper[QUANTISED].bits, "bits", 7.9, 8.1,
@@ -271,26 +243,19 @@ def rows_of(gates: Sequence[Point]) -> list[verdict.Row]:
 
 
 def draw(points: Sequence[Point], path: Path) -> None:
-    """Draw bits against gate length at the paper's clock, effect by effect, and against row time by
-    clock.
-    """
+    """Draw bits against gate length at the paper's clock by effect, and against row time by clock."""
     figure = Figure(figsize=(15, 5.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     for curve in STEPS:
-        own = [p for p in points if (p.curve, p.f_clk_hz) == (curve, PAPER_HZ)]
+        own = curve_of(points, curve, PAPER_HZ)
         left.plot([p.gate_clocks for p in own], [p.bits for p in own], "o-", ms=3, label=curve)
     left.set_xscale("log", base=2)
     left.set(xlabel="gate / clocks", title="Gate at 5 MHz, engine event, median of three seeds")
     for f in CLOCKS_HZ:
-        own = [p for p in points if (p.curve, p.f_clk_hz) == (FULL, f)]
-        right.plot(
-            [1e6 * p.slot_s for p in own], [p.bits for p in own], "o-", ms=3, label=f"{1e-6 * f:g} MHz"
-        )
-    right.set(
-        xscale="log",
-        title="All effects, by clock",
-        xlabel="time of one row / us: 23 us to settle and the gate",
-    )
+        own, label = curve_of(points, FULL, f), f"{1e-6 * f:g} MHz"
+        right.plot([1e6 * p.slot_s for p in own], [p.bits for p in own], "o-", ms=3, label=label)
+    x_label = "time of one row / us: 23 us to settle and the gate"
+    right.set(xscale="log", title="All effects, by clock", xlabel=x_label)
     for axes, x in ((left, PAPER), (right, 125)):
         axes.plot(x, PAPER_BITS, "*", markersize=15, label="the paper")
         axes.set(ylim=(2.5, 15.5), ylabel="effective resolution / bits")
@@ -302,13 +267,8 @@ def draw(points: Sequence[Point], path: Path) -> None:
 @click.command("accuracy-chip")
 def accuracy_chip_command() -> int:
     """Measure resolution against conversion time on the chip: rows, csv and figure in build/accuracy."""
-    gates, text = gate_points(), io.StringIO()
-    writer = csv.DictWriter(text, list(asdict(gates[0])), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(point) for point in gates)
-    write_atomic(simulator.OUT / "chip_gate.csv", text.getvalue())
+    gates = gate_points()
+    write_atomic(simulator.OUT / "chip_gate.csv", simulator.points_csv(gates))
     draw(gates, simulator.OUT / "chip_resolution.png")
     rows = rows_of(gates)
-    verdict.write_rows("accuracy_chip", rows)
-    verdict.print_rows(rows, "Conversion time against resolution")
-    return verdict.exit_code(rows)
+    return judged.finish("accuracy_chip", rows, "Conversion time against resolution")

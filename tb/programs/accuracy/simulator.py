@@ -24,16 +24,13 @@ from typing import Any
 import click
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from dermis import engines
-from dermis.chip import hdl, netlist
+from dermis.chip import netlist
 from dermis.effects import AutoTable
 from dermis.engines import cosim
 from dermis.errors import DermisError, SimulatorError
 from dermis.files import write_atomic
-from dermis.lockstep.half import Edge
-from dermis.lockstep.ngspice import NgspiceHalf
 from dermis.places import BUILD
 from dermis.processes import cpu_time
 from dermis.records import Plan
@@ -42,7 +39,7 @@ from dermis.report.figures import COLOURS, GREY, save
 from dermis.report.verdict import Row
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench import peers
-from tb.programs.bench.circuit import CHARGE, Circuit, Job
+from tb.programs.bench.circuit import Circuit, Job
 from tb.programs.bench.measure import busy_row, cpu_once, random_plan
 from tb.reference import frame as reference
 
@@ -87,18 +84,19 @@ class Point:
     def row(self) -> Row:
         """The row of error and time."""
         note = f"{self.setting}; {self.seconds:.3g} s; codes off by {self.largest_lsb:g} at most"
-        return verdict.report(row_name(self), self.error, "LSB" if self.work == FRAMES else "V", note)
+        name = row_name(self.work, self.method, self.setting)
+        return verdict.report(name, self.error, "LSB" if self.work == FRAMES else "V", note)
 
 
-def row_name(of: Point | Method) -> str:
-    """Return the name of a row."""
-    name = f"accuracy.{of.work}.{of.method if isinstance(of, Point) else of.name}.{of.setting}"
-    return name.replace(": ", "_").replace(", ", ".").replace(" ", "_")
+def row_name(*words: str) -> str:
+    """Return the name of a row from work, method and setting."""
+    return ".".join(("accuracy", *words)).replace(": ", "_").replace(", ", ".").replace(" ", "_")
 
 
 def measure(methods: Sequence[Method], repeat: int) -> tuple[list[Point], list[Row]]:
-    """Run every method `repeat` times in turns, so that other load on the machine affects all of
-    them; one that fails is an ERROR row with the reason.
+    """Run every method `repeat` times in turns, so that other load affects all alike.
+
+    One that fails is an ERROR row with the reason.
     """
     found: dict[Method, list[Found]] = {}
     failed: list[Row] = []
@@ -109,7 +107,7 @@ def measure(methods: Sequence[Method], repeat: int) -> tuple[list[Point], list[R
             try:
                 found.setdefault(method, []).append(method.run())
             except DermisError as failure:
-                failed.append(verdict.error(row_name(method), str(failure)))
+                failed.append(verdict.error(row_name(method.work, method.name, method.setting), str(failure)))
     points = [
         Point(m.work, m.name, m.setting, *runs[0][:2], statistics.median(seconds for *_, seconds in runs))
         for m, runs in found.items()
@@ -132,18 +130,14 @@ EXACT, CONTROLLED = netlist.options(pole=False), netlist.options(pole=True)
 
 
 def options_with(line: str, **other: float | str) -> str:
-    """Return a line of options with some of them changed; of an option given twice ngspice uses the
-    first.
-    """
+    """Return a line of options with some changed; of an option given twice ngspice uses the first."""
     values = dict(word.split("=") for word in line.split()[1:])
     values |= {name: f"{v:g}" if isinstance(v, float) else str(v) for name, v in other.items()}
     return ".options " + " ".join(f"{name}={value}" for name, value in values.items())
 
 
 def tolerances(reltol: float, **other: str) -> str:
-    """Return the options with a pole, with all tolerances scaled together, so that none hides the
-    others.
-    """
+    """Return the options with a pole, all tolerances scaled together, so that none hides the others."""
     share = reltol / 1e-4
     # At a reltol of 1e-4 they are those of netlist.py.
     moved = {"abstol": 1e-12 * share, "vntol": 1e-7 * share, "chgtol": 1e-14 * share}
@@ -169,12 +163,7 @@ def _cosim(simulator: str, step_s: float, options: str, circuit: Circuit, where:
 
 def _alone(circuit: Circuit, where: Path) -> Found:
     """Time ngspice alone on the edges of a run before it; its error is that of the run, not measured here."""
-    where.mkdir(parents=True)
-    job = circuits.LoopJob(circuit.timing, 1, circuits.converter_deck, (circuit,), use_ic=True)
-    build = hdl.build("verilator", "dermis_top", circuit.parameters)
-    _, seconds = circuits.in_simulator(
-        circuits.loop_cpu_s, job, "verilator", build, "dermis_top", where, LIMIT_S
-    )
+    _, seconds = circuits.loop_cpu_s(circuits.converter_loop(circuit), where, LIMIT_S)
     return 0.0, 0.0, seconds / circuit.clocks
 
 
@@ -211,11 +200,9 @@ def converter_methods(work: str, where: Path, quick: bool) -> Iterator[Method]:
             yield method(f"cosim, icarus, {rule}, reltol", setting, _cosim, "icarus", 1e-6, options)
     if work == NO_POLE:
         yield method(ALONE, "edges of cosim, step 1e-06 s", _alone)
-    # XSPICE takes the options with truncation control as well; they make the errors of the peers
-    # larger.
-    for (words, options), step in itertools.product(
-        {"": EXACT, ", controlled": CONTROLLED}.items(), steps[::2]
-    ):
+    # XSPICE takes the options with truncation control too; they make its errors larger.
+    kinds = {"": EXACT, ", controlled": CONTROLLED}
+    for (words, options), step in itertools.product(kinds.items(), steps[::2]):
         setting = f"trap, step {step:g} s{words}"
         yield method("peer: ngspice XSPICE", setting, _peer, peers.xspice, step, options)
     for (peer, program), step in itertools.product(peers.GUESTS.items(), steps[::2]):
@@ -227,44 +214,13 @@ ORDER_STEPS_S = (100e-9, 50e-9, 25e-9, 12.5e-9)
 ORDER_CLOCKS = 60
 
 
-def loop_error_v(circuit: Circuit, step_s: float, options: str, log: Path) -> float:
-    """Return the largest error at the clock edges of the converter closed over two flip-flops
-    written here.
-    """
-    half = NgspiceHalf(
-        circuits.deck(circuit, options=options),
-        t_edge_s=circuit.t_edge_s,
-        t_max_step_s=step_s,
-        t_stop_s=circuit.clocks / circuit.f_clk_hz,
-        log=log,
-        use_ic=True,
-    )
-    half.advance(0.0, [])
-    edges: list[Edge] = []
-    sample = charge = False
-    told, voltage = [], [math.nan]
-    for clock in range(1, circuit.clocks + 1):
-        now = clock / circuit.f_clk_hz
-        comparator, v_int = half.advance(now, edges)
-        voltage.append(v_int)
-        before, charge = charge, sample
-        sample = bool(comparator > 0.0) and not sample and clock > circuit.settle_clocks
-        edges = [(now, CHARGE, float(charge))] if charge != before else []
-        told.append(charge)
-    half.close()
-    return circuits.edge_error_v(circuit, np.array(voltage), np.array(told, dtype=int))
-
-
-def order_row(work: Path, options: str = EXACT) -> Row:
+def order_row(work: Path, options: str = EXACT, steps_s: Sequence[float] = ORDER_STEPS_S) -> Row:
     """Judge the order of convergence of the closed loop with an amplifier pole."""
     circuit = replace(CIRCUITS[POLE], gate_clocks=ORDER_CLOCKS)
-    errors = [
-        # A process each: libngspice holds one circuit.
-        circuits.in_process(loop_error_v, circuit, step_s, options, work / "ngspice.log", limit_s=LIMIT_S)
-        for step_s in ORDER_STEPS_S
-    ]
-    found = (np.diff(np.log(errors)) / np.diff(np.log(ORDER_STEPS_S))).tolist()
-    told = ", ".join(f"{e:.3g} V at {h:g} s" for e, h in zip(errors, ORDER_STEPS_S, strict=True))
+    jobs = [Job(circuit, step_s, keep=True, options=options) for step_s in steps_s]
+    errors = [circuits.measure(job, work / f"order_{n}", LIMIT_S).error_v for n, job in enumerate(jobs)]
+    found = (np.diff(np.log(errors)) / np.diff(np.log(steps_s))).tolist()
+    told = ", ".join(f"{e:.3g} V at {h:g} s" for e, h in zip(errors, steps_s, strict=True))
     note = f"least of {', '.join(f'{order:.3f}' for order in found)}; {told}"
     return verdict.judge("accuracy.order", min(found), note)
 
@@ -293,14 +249,10 @@ SOLVERS = {
 _MANY = 64
 
 
-def frame_methods(work: Path, quick: bool) -> Iterator[Method]:
+def frame_methods(quick: bool) -> Iterator[Method]:
     """Yield every engine and setting."""
-    many, bare = random_plan(work, _MANY, "event", **EFFECTS), random_plan(work, _MANY, "closed")
-
-    @cache
-    def truth() -> NDArray[np.int64]:
-        """Return the codes of the reference; 50 digits take 0.1 s a conversion."""
-        return reference.codes(many)
+    many, bare = random_plan(_MANY, "event", **EFFECTS), random_plan(_MANY, "closed")
+    truth = cache(partial(reference.codes, many))  # 50 digits take 0.1 s a conversion
 
     def method(name: str, setting: str, made: Plan, slow: bool = False, **options: Any) -> Method:
         def run() -> Found:
@@ -331,8 +283,8 @@ def frame_methods(work: Path, quick: bool) -> Iterator[Method]:
 # ---- results ------------------------------------------------------------------------------------------------------
 
 
-def points_csv(points: Sequence[Point]) -> str:
-    """Return points as csv."""
+def points_csv(points: Sequence[Any]) -> str:
+    """Return records, a dataclass each, as csv."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(asdict(points[0])), lineterminator="\n")
     writer.writeheader()
@@ -399,9 +351,7 @@ def ratios(points: Sequence[Point]) -> Iterator[Row]:
 
 
 def draw(points: Sequence[Point], path: Path) -> None:
-    """Draw error against time of the points of one work, with the Pareto front; peers have open
-    markers.
-    """
+    """Draw error against time of the points of one work with their Pareto front; peers are open."""
     figure = Figure(figsize=(11.5, 6.2), layout="constrained")
     axes = figure.add_subplot()
     frames = points[0].work == FRAMES
@@ -445,7 +395,7 @@ def accuracy_command(quick: bool, only: str | None) -> int:
             missing = {peer: peers.missing(peer) for peer in peers.GUESTS}
             rows += [verdict.skip(f"accuracy.peer.{peer}", why) for peer, why in missing.items() if why]
         if only in (None, "frames"):
-            methods += frame_methods(Path(scratch) / "frames", quick)
+            methods += frame_methods(quick)
         points, failed = measure(methods, 1 if quick else 3)
         rows += [*failed, *ratios(points)]
     for name, file in FILES.items():

@@ -17,6 +17,7 @@ import statistics
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
@@ -28,7 +29,7 @@ import numpy as np
 
 from dermis import effects, engines
 from dermis.array import array
-from dermis.chip import hdl
+from dermis.chip import hdl, netlist
 from dermis.engines import cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.places import ROOT
@@ -39,28 +40,24 @@ from dermis.report.output import machine_line
 from dermis.report.verdict import Row
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench import peers
-from tb.programs.bench.circuit import Circuit, Job, LoopJob, Run
+from tb.programs.bench.circuit import Circuit, Job, LoopJob
 from tb.programs.bench.measure import busy_row, one_core, random_plan
 
 STEPS = {"step_10n": 10e-9, "step_100n": 100e-9, "step_1u": 1e-6}
-RUN_LIMIT_S = 60.0
-"""For one process; all take under 5 s on an idle machine."""
+RUN_LIMIT_S = 60.0  # for one process; all take under 5 s on an idle machine
 
 # A step of 10 ns costs the peers a hundred points a clock and more, so fewer clocks are run.
 PEER_CLOCKS = {"step_10n": 300, "step_100n": 1000, "step_1u": 1000}
 CIRCUIT = Circuit()
-LONG_CIRCUIT = replace(CIRCUIT, gate_clocks=8000)
-"""For speeds: some 0.2 s."""
-ICARUS, VERILATOR = "icarus", "verilator"
+LONG_CIRCUIT = replace(CIRCUIT, gate_clocks=8000)  # for speeds: some 0.2 s
+SIMULATORS = ICARUS, VERILATOR = "icarus", "verilator"
 EXAMPLES = ("sigma_delta", "sar", "oscillator")
 
-SAMPLE_S = 0.25
-"""Shortest sample of speed; a shorter one measures the resolution of the timer."""
+SAMPLE_S = 0.25  # shortest sample of speed; a shorter one measures the resolution of the timer
 SERIES = {"lateral": True, "row_driver": True, "column_input": True}
 """Lateral and series resistances with the values of the design."""
 SIZES = (16, 32, 64, 128, 256)
-LARGE = 256
-"""Rows and columns of a large frame."""
+LARGE = 256  # rows and columns of a large frame
 
 
 @dataclass
@@ -75,10 +72,6 @@ class Measurements:
     def place(self) -> Path:
         """Return the path of a new directory."""
         return self.work / f"run_{next(self.runs):03d}"
-
-    def measure(self, job: Job) -> Run:
-        """Run a job in a separate process."""
-        return circuits.measure(job, self.place(), RUN_LIMIT_S)
 
 
 def machine_rows(m: Measurements) -> Iterator[Row]:
@@ -95,7 +88,7 @@ def accuracy_rows(m: Measurements) -> Iterator[Row]:
     kinds = {name: (Job(CIRCUIT, step, keep=True), "Icarus") for name, step in STEPS.items()}
     kinds[VERILATOR] = Job(CIRCUIT, keep=True, simulator=VERILATOR), "step 1 us, Verilator"
     for name, (job, note) in kinds.items():
-        run = m.measure(job)
+        run = circuits.measure(job, m.place(), RUN_LIMIT_S)
         note = f"{CIRCUIT.clocks} clocks; {note}, {run.rate:.0f} clocks/s with every sample kept"
         yield verdict.judge(f"cosim.edge_error_v.{name}", run.error_v, note)
         note = f"{run.code} of {CIRCUIT.pulses} pulses"
@@ -113,16 +106,17 @@ def peer_rows(peer: str, m: Measurements) -> Iterator[Row]:
 
 def speed_rows(m: Measurements) -> Iterator[Row]:
     """Measure clocks a second of cosim and of XSPICE in turns, so that other load affects all."""
-    rates: dict[str, list[float]] = {ICARUS: [], VERILATOR: [], "xspice": []}
+    rates: dict[str, list[float]] = defaultdict(list)
     for _ in range(m.repeat):
-        for simulator in (ICARUS, VERILATOR):
-            run = m.measure(Job(LONG_CIRCUIT, STEPS["step_1u"], simulator))
+        for simulator in SIMULATORS:
+            job = Job(LONG_CIRCUIT, STEPS["step_1u"], simulator)
+            run = circuits.measure(job, m.place(), RUN_LIMIT_S)
             if run.miscount:
                 raise SimulatorError(f"{simulator} counted {run.code}, not {LONG_CIRCUIT.pulses}")
             rates[simulator].append(run.rate)
         done = peers.xspice(CIRCUIT, STEPS["step_1u"], CIRCUIT.clocks, m.place(), RUN_LIMIT_S)
         rates["xspice"].append(done.clocks / done.seconds)
-    for simulator in (ICARUS, VERILATOR):
+    for simulator in SIMULATORS:
         yield verdict.median(f"cosim.clocks_per_s.{simulator}", rates[simulator], "1/s")
     note = "the transient alone, without start and waveform file"
     yield verdict.median("peer.xspice.clocks_per_s", rates["xspice"], "1/s", note)
@@ -131,39 +125,28 @@ def speed_rows(m: Measurements) -> Iterator[Row]:
 
 
 def loop_rows(m: Measurements) -> Iterator[Row]:
-    """Measure what Verilog and loop add to ngspice alone, in processor time of one process after the
-    other.
-    """
-    made = random_plan(m.work, 1, "cosim")
-    frame = circuits.LoopJob(made.timing, made.cols, circuits.frame_deck, (made,))
-    converter = circuits.LoopJob(LONG_CIRCUIT.timing, 1, circuits.converter_deck, (LONG_CIRCUIT,), True)
-    builds = {frame: hdl.reader_parameters(made, False), converter: LONG_CIRCUIT.parameters}
-    found: dict[tuple[LoopJob, str], list[float]] = {}
-    for _ in range(m.repeat):
-        for job, parameters in builds.items():
-            for simulator in (ICARUS, VERILATOR):
-                where = m.place()
-                where.mkdir()
-                build = hdl.build(simulator, "dermis_top", parameters)
-                cpu_s, alone_s = circuits.in_simulator(
-                    circuits.loop_cpu_s, job, simulator, build, "dermis_top", where, RUN_LIMIT_S
-                )
-                found.setdefault((job, simulator), []).append(cpu_s / alone_s)
-    for simulator in (ICARUS, VERILATOR):
+    """Measure what Verilog and loop add to ngspice alone, in processor time, one after the other."""
+    made = random_plan(1, "cosim")
+    deck = functools.partial(netlist.frame_deck, made, 0)
+    frame = LoopJob(made.timing, made.cols, hdl.reader_parameters(made, False), deck)
+    jobs = {"frame": frame, "converter": circuits.converter_loop(LONG_CIRCUIT)}
+    found: dict[tuple[str, str], list[float]] = defaultdict(list)
+    for _, (name, job), simulator in itertools.product(range(m.repeat), jobs.items(), SIMULATORS):
+        cpu_s, alone_s = circuits.loop_cpu_s(replace(job, simulator=simulator), m.place(), RUN_LIMIT_S)
+        found[name, simulator].append(cpu_s / alone_s)
+    for simulator in SIMULATORS:
         note = f"one frame of {made.rows}x{made.cols}, from its first time point to its last"
-        yield verdict.median(f"cosim.loop_over_ngspice.{simulator}", found[frame, simulator], "1", note)
-    for simulator in (ICARUS, VERILATOR):
-        shares = [1.0 / ratio for ratio in found[converter, simulator]]
-        yield verdict.median(
-            f"cosim.ngspice_share.{simulator}", shares, "1", "one VFC, clocks/s over ngspice alone"
-        )
+        yield verdict.median(f"cosim.loop_over_ngspice.{simulator}", found["frame", simulator], "1", note)
+    for simulator in SIMULATORS:
+        shares, note = 1.0 / np.array(found["converter", simulator]), "one VFC, clocks/s over ngspice alone"
+        yield verdict.median(f"cosim.ngspice_share.{simulator}", shares, "1", note)
 
 
 def example_rows(m: Measurements) -> Iterator[Row]:
     """Measure the examples of docs/lockstep.md against their closed forms; the worse of both simulators."""
     for name in EXAMPLES:
         folder, errors, said = ROOT / "docs" / "examples" / name, [], ""
-        for simulator in (ICARUS, VERILATOR):
+        for simulator in SIMULATORS:
             build = hdl.build(simulator, name, {}, sources=[folder / f"{name}.v"], where="lockstep")
             where = m.place()
             shutil.copytree(folder, where)
@@ -200,24 +183,23 @@ def guest_rows(peer: str, m: Measurements) -> Iterator[Row]:
 
 def frame_rows(m: Measurements) -> Iterator[Row]:
     """Measure whole frames in cosim, and compare their codes with those of engine closed."""
-    one, two = (random_plan(m.work, frames, "cosim") for frames in (1, 2))
+    one, two = (random_plan(frames, "cosim") for frames in (1, 2))
     kinds: dict[str, tuple[str, Plan, dict[str, Any]]] = {
         "": ("Icarus, one core", one, {}),
         ".verilator": ("Verilator, one core", one, {"simulator": VERILATOR}),
         ".two_cores": ("one of two parallel frames, Icarus", two, {}),
         ".exact_half": ("Icarus, the exact converter instead of ngspice", one, {"analog": "exact"}),
     }
-    for simulator in (ICARUS, VERILATOR):  # builds, so that none is timed
+    for simulator in SIMULATORS:  # builds, so that none is timed
         cosim.run(one, simulator=simulator, analog="exact", work=m.place())
     repeat, worst = 1 if m.quick else min(3, m.repeat), 0
-    times: dict[str, list[float]] = {kind: [] for kind in kinds}
-    for _ in range(repeat):
-        for kind, (_, made, options) in kinds.items():
-            begin = time.perf_counter()
-            codes = cosim.run(made, work=m.place(), **options).codes.astype(int)
-            times[kind].append((time.perf_counter() - begin) / made.frames)
-            expected = engines.run(replace(made, engine="closed")).codes
-            worst = max(worst, int(np.abs(codes - expected).max()))
+    times: dict[str, list[float]] = defaultdict(list)
+    for kind, (_, made, options) in [*kinds.items()] * repeat:
+        begin = time.perf_counter()
+        codes = cosim.run(made, work=m.place(), **options).codes.astype(int)
+        times[kind].append((time.perf_counter() - begin) / made.frames)
+        expected = engines.run(replace(made, engine="closed")).codes
+        worst = max(worst, int(np.abs(codes - expected).max()))
     for kind, (note, *_) in kinds.items():
         note += f"; {one.rows}x{one.cols} resistances over the range, start of the processes included"
         yield verdict.median(f"cosim.frame_s{kind}", times[kind], "s", note)
@@ -225,13 +207,11 @@ def frame_rows(m: Measurements) -> Iterator[Row]:
     yield verdict.judge("cosim.frame_code_error_lsb", worst, note)
 
 
-def all_effects(engine: str, work: Path) -> tuple[dict[str, bool], list[str]]:
-    """Return the effects that an engine honours with their physical defaults, and the names it
-    refuses.
-    """
+def all_effects(engine: str) -> tuple[dict[str, bool], list[str]]:
+    """Return the effects an engine honours with their physical defaults, and names it refuses."""
     # event refuses `return` together with line_capacitance
     names = [name for name in effects.EFFECTS if name != "return"]
-    probe = random_plan(work, 1, engine, **dict.fromkeys(names, True))
+    probe = random_plan(1, engine, **dict.fromkeys(names, True))
     lost = {name for field in engines.refused(probe, engine) for name in probe.effects_of_field(field)}
     return {name: True for name in names if name not in lost}, sorted({*lost, "return"})
 
@@ -259,39 +239,34 @@ def _speed(name: str, run: Callable[[], Any], frames: int, repeat: int, note: st
             count += frames
         rates.append(count / (time.perf_counter() - begin))
         cpu.append(count / (cpu_time.cpu_used_s() - cpu_begin))
-    note = f"frames of 16x16 resistances over the range; {note}; "
-    return verdict.median(
-        name, rates, "1/s", f"{note}{statistics.median(cpu):.0f} a second of processor time"
-    )
+    said = f"{statistics.median(cpu):.0f} a second of processor time"
+    return verdict.median(name, rates, "1/s", f"frames of 16x16 resistances over the range; {note}; {said}")
 
 
-def engine_rows(
-    m: Measurements, engine: str, kinds: dict[str, tuple[int, dict[str, Any], str]]
-) -> Iterator[Row]:
-    """Measure frames per second of an engine: frames, effects and note by end of the row's name."""
-    for kind, (frames, on, note) in kinds.items():
-        run = _runner(random_plan(m.work, frames, engine, **on))
-        run()  # compiles and fills caches
-        yield _speed(f"{engine}.frames_per_s{kind}", run, frames, m.repeat, note, SAMPLE_S)
+def engine_row(m: Measurements, name: str, frames: int, on: dict[str, Any], note: str) -> Row:
+    """Measure frames per second of an engine, the first part of a row's name, with some effects."""
+    run = _runner(random_plan(frames, name.partition(".")[0], **on))
+    run()  # compiles and fills caches
+    return _speed(name, run, frames, m.repeat, note, SAMPLE_S)
 
 
 def closed_rows(m: Measurements) -> Iterator[Row]:
     """Measure the closed engine: ideal, with lateral and series resistances, with traces."""
     kinds = {"": (512, {}), ".series": (512, SERIES), ".trace": (128, {**SERIES, "trace": True})}
-    noted = {kind: (frames, on, " ".join(on) or "ideal") for kind, (frames, on) in kinds.items()}
-    yield from engine_rows(m, "closed", noted)
+    for kind, (frames, on) in kinds.items():
+        yield engine_row(m, f"closed.frames_per_s{kind}", frames, on, " ".join(on) or "ideal")
 
 
 def event_rows(m: Measurements) -> Iterator[Row]:
     """Measure the event engine, and the cost of a taxel of a large frame."""
-    on, lost = all_effects("event", m.work)
+    on, lost = all_effects("event")
     note = f"{len(on)} effects with their physical defaults, noise included; without {', '.join(lost)}"
-    kinds = {".ideal": (128, {}, "no effect"), ".all_effects": (64, on, f"{note}, which event refuses")}
-    yield from engine_rows(m, "event", kinds)
+    yield engine_row(m, "event.frames_per_s.ideal", 128, {}, "no effect")
+    yield engine_row(m, "event.frames_per_s.all_effects", 64, on, f"{note}, which event refuses")
     # Converters only: array.exponent has the cost of the network.
-    small = random_plan(m.work, (LARGE // 16) ** 2, "event", 16)
+    small = random_plan((LARGE // 16) ** 2, "event", 16)
     note = "processor time of one frame of 256x256 over 256 of 16x16, in pairs; no effect"
-    ratios = _cpu_ratios(random_plan(m.work, 1, "event", LARGE), small, m.repeat)
+    ratios = _cpu_ratios(random_plan(1, "event", LARGE), small, m.repeat)
     yield verdict.median("event.cost_per_taxel_ratio", ratios, "1", note)
 
 
@@ -299,7 +274,7 @@ def off_rows(m: Measurements) -> Iterator[Row]:
     """Measure the cost of effects that are named but off."""
     off = dict.fromkeys(effects.EFFECTS, False)
     for kind, engine, frames in (("", "event", 32), (".closed", "closed", 512)):
-        named, bare = (random_plan(m.work, frames, engine, **on) for on in (off, {}))
+        named, bare = (random_plan(frames, engine, **on) for on in (off, {}))
         note = f"{engine}: {len(off)} effects named and off over the bare scene, processor time, in pairs"
         ratios = _cpu_ratios(named, bare, 2 * m.repeat + 1)
         yield verdict.median(f"effects_off.time_ratio{kind}", ratios, "1", note)
@@ -313,13 +288,11 @@ BADCROSSBAR_ROWS = (
 
 
 def badcrossbar_rows(m: Measurements) -> Iterator[Row]:
-    """Solve the same frame with distributed lines, every row in turn, by badcrossbar and by our
-    solver, in pairs.
-    """
+    """Solve a frame with distributed lines, row by row, by badcrossbar and by our solver in pairs."""
     if reason := peers.missing("badcrossbar"):
         yield from (verdict.skip(name, reason) for name in BADCROSSBAR_ROWS)
         return
-    network = random_plan(m.work, 1, "closed", trace={"r_row_ohm": 1.0, "r_column_ohm": 1.0}).network(0)
+    network = random_plan(1, "closed", trace={"r_row_ohm": 1.0, "r_column_ohm": 1.0}).network(0)
     g = np.broadcast_to(network.g_taxel_s, (64, *network.g_taxel_s.shape)).copy()
     rates, ratios = [], []
     for _ in range(m.repeat):
@@ -340,7 +313,7 @@ def exponent_rows(m: Measurements) -> Iterator[Row]:
     """Measure the growth of the network solve with the number of taxels."""
     for kind, on in (("", SERIES), (".trace", {**SERIES, "trace": True})):
         sizes = SIZES[:-1] if m.quick or kind else SIZES
-        times = [_solve_s(m.work, size, 1 if m.quick else min(m.repeat, 3), on) for size in sizes]
+        times = [_solve_s(size, 1 if m.quick else min(m.repeat, 3), on) for size in sizes]
         exponent = float(np.polyfit(np.log([n * n for n in sizes]), np.log(times), 1)[0])
         last = math.log(times[-1] / times[-2]) / math.log((sizes[-1] / sizes[-2]) ** 2)
         each = ", ".join(f"{n}: {1e9 * t / n**2:.0f}" for n, t in zip(sizes, times, strict=True))
@@ -349,12 +322,10 @@ def exponent_rows(m: Measurements) -> Iterator[Row]:
         yield verdict.judge(f"array.exponent{kind}", exponent, note)
 
 
-def _solve_s(work: Path, size: int, repeat: int, on: dict[str, Any]) -> float:
-    """Return the processor time per frame of the array solve, with the batch size of engine
-    closed.
-    """
+def _solve_s(size: int, repeat: int, on: dict[str, Any]) -> float:
+    """Return the processor time per frame of the array solve in batches as of engine closed."""
     frames = max(1, (1 << 15) // size**2)
-    made = random_plan(work, frames, "closed", size, **on)
+    made = random_plan(frames, "closed", size, **on)
     solve = functools.partial(array.column_currents, made.network(0), made.conductance_s())
     solve()
     return statistics.median(cpu_time.cpu_seconds(solve) for _ in range(repeat)) / frames
@@ -363,8 +334,8 @@ def _solve_s(work: Path, size: int, repeat: int, on: dict[str, Any]) -> float:
 def rtl_rows(m: Measurements) -> Iterator[Row]:
     """Measure the real Verilog with real-number models."""
     for simulator, frames in ((VERILATOR, 256 if m.quick else 2048), (ICARUS, 2 if m.quick else 4)):
-        run = functools.partial(engines.run, random_plan(m.work, frames, "rtl"), simulator=simulator)
-        wrong = int((run().codes != engines.run(random_plan(m.work, frames, "closed")).codes).sum())  # builds
+        run = functools.partial(engines.run, random_plan(frames, "rtl"), simulator=simulator)
+        wrong = int((run().codes != engines.run(random_plan(frames, "closed")).codes).sum())  # builds
         if wrong:
             raise SimulatorError(f"{simulator}: {wrong} of {frames} frames' codes differ from engine closed")
         note = f"{frames} at a time, start of the process included; codes are those of closed"
@@ -429,13 +400,7 @@ def run_section(section: Section, m: Measurements) -> list[Row]:
 
 
 def chosen(only: Sequence[str]) -> list[Section]:
-    """Return the sections that make the rows of some names, or all sections.
-
-    Raises
-    ------
-    InputError
-        A name is none.
-    """
+    """Return the sections that make the rows of some names, or all; InputError for a name of none."""
 
     def fits(name: str, wanted: str) -> bool:
         return f"{name}.".startswith(f"{wanted}.") or f"{wanted}.".startswith(f"{name}.")

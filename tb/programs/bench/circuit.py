@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One converter: dermis_top with one column in lock-step with a circuit whose exact solution is
-known.
+"""One converter: dermis_top with one column in lock-step with a circuit of known solution.
 
 The HDL simulator loads this module again as the cocotb test.
 """
@@ -15,6 +14,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,17 +28,15 @@ from dermis.converter.vfc import count_rational
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.lockstep import clock_loop
-from dermis.lockstep.half import Edge
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
-from dermis.records import Plan, Timing
+from dermis.records import Timing
 from scripts import workers
 
 Floats = NDArray[np.float64]
 
 JOB_VARIABLE = "DERMIS_BENCH_JOB"
 
-CHARGE = 2
-"""Number of the charge source in a deck with one row and one column."""
+T_EDGE_S = 1e-9
 
 # The decks of the peers have the same line, which does not harm them.
 OPTIONS = netlist.options(pole=False)
@@ -57,7 +55,7 @@ class Circuit:
     i0_a: float = 1e-6
     c_int_f: float = 10e-12
     f_clk_hz: float = 1e6
-    t_edge_s: float = 1e-9
+    t_edge_s: float = T_EDGE_S
     settle_clocks: int = 8
     gate_clocks: int = 1000
     t_gbw_s: float = 0.0
@@ -65,15 +63,8 @@ class Circuit:
     @property
     def timing(self) -> Timing:
         """One row slot; the counter has 12 bits, so it never saturates."""
-        return Timing(
-            f_clk_hz=self.f_clk_hz,
-            slot_clocks=1 + self.clocks,
-            settle_clocks=1 + self.settle_clocks,
-            gate_clocks=self.gate_clocks,
-            code_max=2**12 - 1,
-            rows=1,
-            break_clocks=1,
-        )
+        clocks = 1 + self.clocks, 1 + self.settle_clocks, self.gate_clocks
+        return Timing(self.f_clk_hz, *clocks, 2**12 - 1, rows=1, break_clocks=1)
 
     @property
     def clocks(self) -> int:
@@ -83,15 +74,8 @@ class Circuit:
     @property
     def parameters(self) -> dict[str, int]:
         """Parameters of dermis_top."""
-        return {
-            "ROWS": 1,
-            "COLS": 1,
-            "CODE_BITS": 12,
-            "GATE_CLOCKS": self.gate_clocks,
-            "SETTLE_CLOCKS": 1 + self.settle_clocks,
-            "BREAK_CLOCKS": 1,
-            "SYNC_LATCH": 0,
-        }
+        clocks = {"GATE_CLOCKS": self.gate_clocks, "SETTLE_CLOCKS": 1 + self.settle_clocks}
+        return {"ROWS": 1, "COLS": 1, "CODE_BITS": 12, "BREAK_CLOCKS": 1, "SYNC_LATCH": 0} | clocks
 
     @property
     def packet_v(self) -> float:
@@ -115,15 +99,9 @@ class Circuit:
 
 
 def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) -> list[str]:
-    """Return the netlist of the converter in our blocks: nodes d_charge, d_hold in; comp0,
-    xvfc.v_int out.
-    """
-    values = {
-        "i0_a": circuit.i0_a,
-        "c_int_f": circuit.c_int_f,
-        "v_preset_v": 0.5 * circuit.packet_v,
-        "packet_error": packet_error,
-    }
+    """Return the converter in our blocks: nodes d_charge and d_hold in, comp0 and xvfc.v_int out."""
+    values = {"i0_a": circuit.i0_a, "c_int_f": circuit.c_int_f}
+    values |= {"v_preset_v": 0.5 * circuit.packet_v, "packet_error": packet_error}
     if circuit.t_gbw_s:
         values["int_t_gbw_s"] = circuit.t_gbw_s
     return [
@@ -140,9 +118,7 @@ def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) 
 
 
 def start_lines(circuit: Circuit) -> list[str]:
-    """Return the replacement of the preset: no hold, and the integrator's voltage as initial
-    condition (for `uic`).
-    """
+    """Return no preset but an initial condition of the integrator (for `uic`)."""
     start = spice_number(circuit.v_start_v)
     lines = ["vhold d_hold 0 0", f".ic v(xvfc.v_int)={start}"]
     if circuit.t_gbw_s:
@@ -167,20 +143,11 @@ def deck(
 
 @mp.workdps(50)
 def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -> Floats:
-    """Return the integrator voltage at the clocks 0, 1, ... of the exact solution, in 50
-    digits.
+    """Return the integrator voltage at the clocks 0, 1, ... of the exact solution, in 50 digits.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    charge : array_like of 0 and 1
-        State of the charge switch at each clock; it was off before. A switch that changes at
-        clock n moves on a straight line between n T and n T + t_edge.
-    late_s : float
-        Delay of that line after the clock, for a bridge with a known delay.
+    `charge` has 1 where the charge switch is on, clock by clock; it was off before. A switch that changes
+    at clock n moves on a straight line from n T + `late_s` on, for `t_edge_s`.
 
-    Notes
-    -----
     The voltage u without the pole is a parabola u = a + b s + c s^2 while the charge switch moves, and a
     straight line elsewhere. With the pole t v' = u - v, so v = p(s) + (v(0) - p(0)) exp(-s / t) with
     p = u - t u' + t^2 u''.
@@ -210,13 +177,7 @@ def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -
 def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> float:
     """Return the largest |voltage - exact| over the clock edges after the start.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    voltage : ndarray
-        Integrator at clocks 0, 1, ... to the end; values before the start are ignored.
-    charge : ndarray
-        State of the charge switch at clocks 1, 2, ... to the end.
+    `voltage` is that of the integrator at clocks 0, 1, ..., `charge` the switch at clocks 1, 2, ... to the end.
     """
     told = np.concatenate([[0], charge])[:-1]
     if voltage.shape != (told.size + 1,) or told.size < 1:
@@ -229,48 +190,36 @@ def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> flo
 
 @dataclass(frozen=True)
 class Job:
-    """One run of the circuit.
-
-    `keep` returns the bits and the error at the bridge; `options` is the deck's line of options.
-    `packet_error` is a seeded fault for a test: packets in ngspice are too large.
-    """
+    """One run of the circuit."""
 
     circuit: Circuit
     t_max_step_s: float = 1e-6
     simulator: str = "icarus"
-    keep: bool = False
-    options: str = OPTIONS
-    packet_error: float = 0.0
+    keep: bool = False  # the bits, and the error at the bridge
+    options: str = OPTIONS  # line of the deck
+    packet_error: float = 0.0  # seeded fault of a test: packets in ngspice are too large
 
 
 @dataclass(frozen=True)
 class Run:
-    """Result of a job; bits and error only if the job keeps them.
-
-    Rate and processor time count from the first instant of the circuit to its last; `charge` is the
-    state of the charge switch at clocks 1, 2, ...
-    """
+    """Result of a job."""
 
     code: int
     miscount: int
-    rate: float
+    rate: float  # clocks a second, from the first instant of the circuit to its last
     cpu_per_clock_s: float
-    charge: NDArray[Any] | None = None
-    error_v: float = math.nan
+    charge: NDArray[Any] | None = None  # charge switch at clocks 1, 2, ..., if the job keeps it
+    error_v: float = math.nan  # the same
 
 
-class _Watched(NgspiceHalf):
-    """An analog half that measures the time from its start to its end."""
+class TimedHalf(NgspiceHalf):
+    """ngspice at time 0, which measures the time from there to its end."""
 
-    def __init__(self, job: Job, where: Path, levels: Sequence[float]) -> None:
-        super().__init__(
-            deck(job.circuit, levels, job.packet_error, job.options),
-            t_edge_s=job.circuit.t_edge_s,
-            t_max_step_s=job.t_max_step_s,
-            t_stop_s=bridge.analog_s(job.circuit.timing),
-            log=where / "ngspice.log",
-            use_ic=True,
-        )
+    def __init__(
+        self, deck: Deck, timing: Timing, log: Path, step_s: float = 1e-6, use_ic: bool = True
+    ) -> None:
+        times = {"t_edge_s": T_EDGE_S, "t_max_step_s": step_s, "t_stop_s": bridge.analog_s(timing)}
+        super().__init__(deck, **times, log=log, use_ic=use_ic)
         self.advance(0.0, [])
         self._start = time.perf_counter(), time.process_time()
 
@@ -283,8 +232,9 @@ class _Watched(NgspiceHalf):
 async def _frame(dut: Any, job: Job, where: Path) -> Run:
     circuit, halves = job.circuit, []
 
-    def make_half(frame: int, levels: list[float]) -> _Watched:
-        halves.append(_Watched(job, where, levels))
+    def make_half(frame: int, levels: list[float]) -> TimedHalf:
+        made = deck(circuit, levels, job.packet_error, job.options)
+        halves.append(TimedHalf(made, circuit.timing, where / "ngspice.log", job.t_max_step_s))
         return halves[-1]
 
     chip = bridge.Bridge(dut, circuit.timing, 1, trace=job.keep, samples=2 if job.keep else 0)
@@ -301,78 +251,45 @@ async def _frame(dut: Any, job: Job, where: Path) -> Run:
 class LoopJob:
     """One frame with Verilog and ngspice, and then ngspice alone on the edges that it made.
 
-    `make_deck` is called with the levels of the sources and more arguments.
+    `make_deck` is called with the levels of the sources.
     """
 
     timing: Timing
     cols: int
-    make_deck: Callable[..., Deck]
-    arguments: tuple[Any, ...] = ()
+    parameters: dict[str, int]  # of dermis_top
+    make_deck: Callable[[Sequence[float]], Deck]
     use_ic: bool = False
+    simulator: str = "verilator"
 
 
-def frame_deck(levels: list[float], plan: Plan) -> Deck:
-    """Return the deck of a plan's first frame."""
-    return netlist.frame_deck(plan, 0, levels)
+def converter_loop(circuit: Circuit) -> LoopJob:
+    """Return the loop of one converter."""
+    return LoopJob(circuit.timing, 1, circuit.parameters, partial(deck, circuit), True)
 
 
-def converter_deck(levels: list[float], circuit: Circuit) -> Deck:
-    """Return the deck of one converter."""
-    return deck(circuit, levels)
+async def _loop(dut: Any, job: LoopJob, where: Path) -> tuple[float, float]:
+    timing, t_clk, halves = job.timing, 1.0 / job.timing.f_clk_hz, []
 
-
-async def loop_cpu_s(dut: Any, job: LoopJob, where: Path) -> tuple[float, float]:
-    """Return the processor time of the frame, and that of ngspice alone, from time 0 to the end."""
-    timing, t_clk = job.timing, 1.0 / job.timing.f_clk_hz
-    start, levels, times = 0.0, [], []
-
-    def half() -> NgspiceHalf:
-        made = NgspiceHalf(
-            job.make_deck(levels, *job.arguments),
-            t_edge_s=1e-9,
-            t_max_step_s=1e-6,
-            t_stop_s=bridge.analog_s(timing),
-            log=where / "ngspice.log",
-            use_ic=job.use_ic,
-        )
-        made.advance(0.0, [])
-        close = made.close
-
-        def closed() -> None:
-            times.append(time.process_time() - start)
-            close()
-
-        made.close = closed
-        return made
-
-    def first(frame: int, found: list[float]) -> NgspiceHalf:
-        nonlocal start, levels
-        levels = found
-        made = half()
-        start = time.process_time()
+    def make_half(frame: int, levels: list[float]) -> TimedHalf:
+        made = TimedHalf(job.make_deck(levels), timing, where / "ngspice.log", use_ic=job.use_ic)
+        halves.append((made, levels))
         return made
 
     chip = bridge.Bridge(dut, timing, job.cols, trace=True)
-    await chip.run(1, first)
+    await chip.run(1, make_half)
+    [(frame, levels)] = halves
     trace, at = chip.trace, chip.trace.begins[0]
-    old = [int(level) for level in levels]
-    clocks: list[list[Edge]] = [[]]
     nets = (trace.row_select, timing.rows), (trace.preset, 1), (trace.charge, job.cols)
-    for clock in range(len(trace.charge) - at - 1):
-        new = [bits[at + clock] >> bit & 1 for bits, width in nets for bit in range(width)]
-        clocks.append(
-            [
-                ((clock + 1) * t_clk, i, float(b))
-                for i, (a, b) in enumerate(zip(old, new, strict=True))
-                if a != b
-            ]
-        )
+    old, clocks = [int(level) for level in levels], [[]]
+    for clock in range(1, len(trace.charge) - at):
+        new = [bits[at + clock - 1] >> bit & 1 for bits, width in nets for bit in range(width)]
+        moved = [i for i, level in enumerate(new) if level != old[i]]
+        clocks.append([(clock * t_clk, i, float(new[i])) for i in moved])
         old = new
-    alone = half()
-    start = time.process_time()
+    alone = make_half(0, levels)
     clock_loop.replay(alone, t_clk, clocks)
     alone.close()
-    return times[0], times[1]
+    return frame.cpu_seconds, alone.cpu_seconds
 
 
 if JOB_VARIABLE in os.environ:
@@ -396,10 +313,7 @@ def in_simulator(
 ) -> Any:
     """Return the value of the coroutine `test(dut, job, where)`, awaited in an HDL simulator.
 
-    Raises
-    ------
-    SimulatorError
-        It failed, took longer than `limit_s` or left no result.
+    Raises SimulatorError if it failed, took longer than `limit_s` or left no result.
     """
     (where / "job.pickle").write_bytes(pickle.dumps((test, job)))
     hdl.run_cocotb(simulator, build, top, __name__, where, {JOB_VARIABLE: str(where)}, limit_s=limit_s)
@@ -412,21 +326,24 @@ def in_simulator(
     return value
 
 
+def _in_top(test: Callable[..., Any], job: Any, parameters: Any, where: Path, limit_s: float) -> Any:
+    where.mkdir(parents=True)
+    build = hdl.build(job.simulator, "dermis_top", parameters)
+    return in_simulator(test, job, job.simulator, build, "dermis_top", where, limit_s)
+
+
 def measure(job: Job, where: Path, limit_s: float) -> Run:
     """Run a job in a new directory; raise SimulatorError as `in_simulator` does."""
-    where.mkdir(parents=True)
-    build = hdl.build(job.simulator, "dermis_top", job.circuit.parameters)
-    return in_simulator(_frame, job, job.simulator, build, "dermis_top", where, limit_s)
+    return _in_top(_frame, job, job.circuit.parameters, where, limit_s)
+
+
+def loop_cpu_s(job: LoopJob, where: Path, limit_s: float) -> tuple[float, float]:
+    """Return the processor time of a frame and that of ngspice alone, from time 0 to the end."""
+    return _in_top(_loop, job, job.parameters, where, limit_s)
 
 
 def in_process(function: Callable[..., Any], *arguments: Any, limit_s: float) -> Any:
-    """Call a function in a process of its own and return its value.
-
-    Raises
-    ------
-    SimulatorError
-        It failed, or took longer than `limit_s` and was ended with all that it started.
-    """
+    """Return the value of a function in a process of its own; SimulatorError if it failed or took too long."""
     [(_, outcome)] = workers.run([workers.Task(function, arguments, limit_s)], 1)
     if outcome.fault:
         raise SimulatorError(outcome.fault)

@@ -18,8 +18,8 @@ from dermis.processes import cpu_time
 from dermis.records import Plan
 from dermis.report import verdict
 from dermis.report.verdict import Row
-from dermis.scene import scene
 from dermis.scene.design import load as load_design
+from tb.reference import scenes
 
 
 @contextmanager
@@ -55,20 +55,10 @@ def busy_row(name: str) -> Row:
     return verdict.report(name, round(busy, 2), "cores", f"in the second before; {note}")
 
 
-def random_plan(work: Path, frames: int, engine: str, size: int | None = None, **effects_on: Any) -> Plan:
-    """Return frames of resistances spread evenly in log R over the sensor's range, always the same
-    ones.
-    """
+def random_plan(frames: int, engine: str, size: int | None = None, **effects_on: Any) -> Plan:
+    """Return frames of resistances even in log R over the sensor's range, always the same ones."""
     design = load_design()
     low, high = math.log(design.sensor.r_min_ohm), math.log(design.sensor.r_max_ohm)
     rows, cols = (size, size) if size else (design.array.rows, design.array.cols)
-    work.mkdir(parents=True, exist_ok=True)
-    file = work / f"resistance_{frames}_{rows}x{cols}.npy"
-    if not file.exists():
-        np.save(file, np.exp(np.random.default_rng(2026).uniform(low, high, (frames, rows, cols))))
-    data = {
-        "array": {"rows": rows, "cols": cols},
-        "stimulus": {"kind": "resistance", "file": file.name},
-        "effects": effects_on,
-    }
-    return plan.make(scene.from_data(data, work / "random.toml"), engine)
+    ohm = np.exp(np.random.default_rng(2026).uniform(low, high, (frames, rows, cols)))
+    return plan.make(scenes.of_resistances(ohm, effects_on, name="random"), engine)

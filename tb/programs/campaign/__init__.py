@@ -1,4 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random scenes through the engines, held against laws of the physics; failures are
-kept.
-"""
+"""Random scenes through the engines, held against laws of the physics; failures are kept."""

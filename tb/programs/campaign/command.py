@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis campaign`: random scenes in worker processes against the laws; a killed campaign
-continues.
-"""
+"""`dermis campaign`: random scenes in worker processes against laws; a killed campaign continues."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ from dermis.files import write_atomic
 from dermis.places import BUILD, ROOT
 from dermis.report import verdict
 from dermis.report.progress import slots
-from scripts import workers
+from scripts import judged, workers
 from scripts.checkpoint import Checkpoint, stamp
 from tb.programs.campaign import laws, search
 from tb.reference.scenes import PROFILES, World, random_scene
@@ -28,14 +26,12 @@ from tb.reference.scenes import PROFILES, World, random_scene
 STATE = BUILD / "campaign"
 FOUND = ROOT / "tb" / "programs" / "campaign" / "found"
 CODE = ROOT / "tb" / "programs" / "campaign", ROOT / "tb" / "reference"
-_EXAMPLES = 4
-"""Examples stored of each law."""
+_EXAMPLES = 4  # examples stored of each law
 
 
 @dataclass(frozen=True)
 class Size:
-    """Sizes of a campaign: scenes of a task, seconds of a scene, scenes of a short and of a whole
-    run.
+    """Scenes of a task, seconds of a scene, scenes of a short and of a whole run.
 
     From `telling` scenes on every law must have applied; the rarest is asked about one scene in 50.
     """
@@ -60,11 +56,6 @@ class Tally:
 
     counts: Counter[str] = field(default_factory=Counter)
     broken: list[tuple[int, str, str]] = field(default_factory=list)
-
-    def add(self, piece: dict[str, Any]) -> None:
-        """Add a piece of `run_scenes`."""
-        self.counts.update(piece["counts"])
-        self.broken += [(int(number), law, line) for number, law, line in piece["broken"]]
 
 
 def scene_of(engines: str, seed: int, number: int) -> World:
@@ -110,7 +101,8 @@ def run(engines: str, seed: int, scenes: int, store: Checkpoint, processes: int)
             violation = (int(piece.partition("-")[0]), "ends", fault)
             store.put(piece, {"counts": {"worlds": 1}, "broken": [violation]})
     for name in (*every, *alone):
-        total.add(store.pieces[name])
+        total.counts.update(store.pieces[name]["counts"])
+        total.broken += [tuple(one) for one in store.pieces[name]["broken"]]
     return total
 
 
@@ -137,10 +129,8 @@ def rows(engines: str, seed: int, scenes: int, total: Tally) -> Iterator[verdict
     ends = [one for one in total.broken if one[1] == "ends"]
     note = ends[0][2] if ends else "no hang, no crash, no process left"
     yield verdict.judge(f"campaign.broken.{name}.ends", len(ends), note)
-    for law in ("typed_errors", *laws.ENGINES[engines]):
+    for law in laws.ENGINES[engines]:
         asked, compared = (counts[f"{what}.{law}"] for what in ("asked", "compared"))
-        if law == "typed_errors":
-            asked = compared = counts["worlds"]
         broken = [one for one in total.broken if one[1] == law]
         note = f"scene {broken[0][0]}: {broken[0][2]}" if broken else laws.meaning(engines, law)
         note = f"compared {compared}, asked {asked} times: {note}"
@@ -172,9 +162,7 @@ def rows(engines: str, seed: int, scenes: int, total: Tally) -> Iterator[verdict
 def campaign_command(
     scenes: int | None, seed: int, engines: str, resume: bool, processes: int, short: bool, found: str
 ) -> int:
-    """Run random scenes through the engines and check laws of the physics; rows in
-    build/campaign.json.
-    """
+    """Run random scenes through the engines and check laws of physics; rows in build/campaign.json."""
     if short and scenes is not None:
         raise InputError("command line", "--short and --scenes", scenes, "one of the two")
     size, name = SIZES[engines], engines.replace(",", "_")
@@ -182,11 +170,10 @@ def campaign_command(
     store = Checkpoint(STATE / f"{name}_{seed}.json", stamp(*CODE), fresh=not resume)
     total = run(engines, seed, many, store, processes)
     cases = store_cases(engines, seed, total, Path(found))
-    judged = list(rows(engines, seed, many, total))
+    found_rows = list(rows(engines, seed, many, total))
     if engines == "closed,event" and (short or scenes is None):
-        judged += search.run(seed, short, store, processes)
-    verdict.write_rows("campaign", judged)
-    verdict.print_rows(judged, f"{many} random scenes, engines {engines}")
+        found_rows += search.run(seed, short, store, processes)
+    code = judged.finish("campaign", found_rows, f"{many} random scenes, engines {engines}")
     for path in cases:
         click.echo(f"new case: {path}")
-    return verdict.exit_code(judged)
+    return code

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws that hold for every scene: each takes a `Subject` and yields one line for each violation.
 
-A law yields COMPARED first where it applies to the scene. Laws that need further runs are asked for
-a share of the scenes (`ENGINES`). `judge` asks all laws about one world.
+A law yields COMPARED first where it applies. Laws that need further runs are asked for a share of the
+scenes (`ENGINES`). `judge` asks all laws about one world.
 """
 
 from __future__ import annotations
@@ -49,20 +49,9 @@ _FORMULA = closed.HONOURS & _CONVERTER
 
 
 class Subject:
-    """A world with the results that several laws need.
+    """A world, its files in a directory, with results that laws need and a seed for what they draw."""
 
-    Parameters
-    ----------
-    world : World
-    directory : Path
-        Place of its files.
-    seed : int
-        Seed of the numbers that laws draw.
-    engine : str
-        Engine that takes all effects of the world at once.
-    """
-
-    def __init__(self, world: World, directory: Path, seed: int, engine: str = "event") -> None:
+    def __init__(self, world: World, directory: Path, seed: int) -> None:
         self.directory, self.seed = directory, seed
         self.scene = world.read(directory)
         self.auto = self.scene.table.effects.auto is not None
@@ -70,7 +59,7 @@ class Subject:
         if self.auto:  # switch on all effects that auto considers
             table = whole.table.effects.model_copy(update={"auto": None} | whole.effects)
             whole = dataclasses.replace(whole, table=whole.table.model_copy(update={"effects": table}))
-        self.plan = planning.make(whole, engine)
+        self.plan = planning.make(whole, "event")
 
     def rng(self, name: str) -> np.random.Generator:
         """Return random numbers of one law, independent of other laws."""
@@ -88,10 +77,9 @@ class Subject:
 
     @functools.cached_property
     def result(self) -> Result:
-        """Result of engine event; of the plan that auto chose if all effects at once need cosim."""
-        plan = self.chosen if self.plan.engine == "cosim" else self.plan
-        engines.check(plan)
-        return engines.run(plan)
+        """Result of engine event with all effects."""
+        engines.check(self.plan)
+        return engines.run(self.plan)
 
     @property
     def x(self) -> Floats:
@@ -112,11 +100,6 @@ class Subject:
         """True if a conversion depends on its own frame alone and nothing changes within a gate."""
         return not self.active & _IN_TIME
 
-    def steady(self) -> walk.Cells:
-        """Return the converters at constant duties."""
-        coupled = coupling.coupling(self.plan, self.plan.conductance_s(), self.x)
-        return walk.cells_of(self.plan, self.x, self.plan.conductance_s(), coupled)
-
 
 def _first(wrong: Any, text: str, *values: Any) -> Iterator[str]:
     """Yield `text` with the values at the first place where something is wrong."""
@@ -124,6 +107,11 @@ def _first(wrong: Any, text: str, *values: Any) -> Iterator[str]:
         at = tuple(int(i) for i in np.argwhere(wrong)[0])
         said = text.format(*(np.asarray(v)[at].item() for v in values))
         yield f"{said} at {list(at)}, {int(wrong.sum())} of {wrong.size}"
+
+
+def typed_errors(s: Subject) -> Iterator[str]:
+    """Nothing but the project's own errors, no floating-point exception, no warning."""
+    yield COMPARED  # `judge` sees the others
 
 
 def numbers(s: Subject) -> Iterator[str]:
@@ -138,9 +126,7 @@ def numbers(s: Subject) -> Iterator[str]:
 
 
 def closed_equals_event(s: Subject) -> Iterator[str]:
-    """Engine closed gives the codes of engine event, to the last bit, wherever it can do the
-    scene.
-    """
+    """Engine closed gives the codes of engine event wherever it can do the scene."""
     plan = dataclasses.replace(s.plan, engine="closed")
     if engines.refused(plan, "closed"):
         return
@@ -155,7 +141,8 @@ def fifty_digits(s: Subject) -> Iterator[str]:
         return
     rng = s.rng("fifty_digits")
     f, r, c = s.cell(rng)
-    cells = s.steady()
+    coupled = coupling.coupling(s.plan, s.plan.conductance_s(), s.x)
+    cells = walk.cells_of(s.plan, s.x, s.plan.conductance_s(), coupled)
     cell = {k.name: float(getattr(cells, k.name)[f, r, c]) for k in dataclasses.fields(walk.Cells)}
     if abs(cell["x"]) > 1e6 or cell["across"] > 1e6:  # the reference stops at every change
         return
@@ -189,9 +176,8 @@ def repeated(s: Subject) -> Iterator[str]:
     if not np.array_equal(again.codes, s.result.codes):
         yield "a second run gives other codes"
     if not s.auto:
-        text = s.plan.resolved_toml(s.directory)
         path = s.directory / "resolved.toml"
-        path.write_text(text)
+        path.write_text(s.plan.resolved_toml(s.directory))
         back = planning.load(path, "event", s.scene.design)
         if not np.array_equal(engines.run(back).codes, s.result.codes):
             yield "the resolved scene gives other codes"
@@ -221,20 +207,14 @@ def monotone(s: Subject) -> Iterator[str]:
 
 
 def _permuted(plan: Plan, rows: Any, cols: Any) -> Plan:
-    converter = {
-        f.name: getattr(plan.converter, f.name)[cols]
-        for f in dataclasses.fields(plan.converter)
-        if f.name not in ("f_clk_hz", "v_sign")
-    }
-    around = {
-        name: np.asarray(value)[cols] if np.ndim(value) else value for name, value in plan.surrounding.items()
-    }
+    names = _CONVERTER - {"f_clk_hz", "v_sign"}
+    converter = {name: getattr(plan.converter, name)[cols] for name in names}
     return dataclasses.replace(
         plan,
         resistance_ohm=np.ascontiguousarray(plan.resistance_ohm[:, rows][:, :, cols]),
         force_n=None,
         converter=dataclasses.replace(plan.converter, **converter),
-        surrounding=around,
+        surrounding={n: np.asarray(v)[cols] if np.ndim(v) else v for n, v in plan.surrounding.items()},
     )
 
 
@@ -256,18 +236,15 @@ def symmetric(s: Subject) -> Iterator[str]:
     before, after = (np.clip(v, -most, most) for v in (x, other.info["x"]))
     # Offsets and leaks may nearly cancel the current of the bias; the sum is as exact as its parts.
     size = np.abs(before) + (_held(s)[:, rows][:, :, cols] if s.active & _SOURCES else 0.0)
-    wrong = (
-        np.abs(after - before) > _SOLVED * size + _NOTHING + np.broadcast_to(_coupled(s), s.x.shape)[:, rows]
-    )
+    known = np.broadcast_to(_coupled(s), s.x.shape)[:, rows]
+    wrong = np.abs(after - before) > _SOLVED * size + _NOTHING + known
     yield from _first(wrong, "x = {!r} becomes {!r} in another order", x, other.info["x"])
     far = np.abs(other.codes.astype(int) - expected) > 1
     yield from _first(far, "code {} becomes {} in another order", expected, other.codes)
 
 
 def _coupled(s: Subject) -> Floats:
-    """Return the error of engine event for the coupling of columns, packets a clock [frames, rows,
-    1].
-    """
+    """Return the error of event's coupling of columns, packets a clock [frames, rows, 1]."""
     g = s.plan.conductance_s()
     coupled = coupling.coupling(s.plan, g, s.plan.converter.duty(column_currents(s.plan.network(0), g)))
     return np.zeros((1, 1, 1)) if coupled is None else coupled.known / s.plan.timing.gate_clocks
@@ -276,9 +253,9 @@ def _coupled(s: Subject) -> Floats:
 def _held(s: Subject) -> Floats:
     """Return the sum of magnitudes of offsets and leaks, packets a clock."""
     network = s.plan.network(0)
-    size = np.abs(network.v_column_offset_v)
+    volt, leak = (np.abs(v).max() for v in (network.v_column_offset_v, network.i_leak_a))
     g = np.minimum(s.plan.conductance_s(), 1e22).sum(axis=1, keepdims=True)
-    ampere = (size.max() * (g + network.rows * network.g_lateral_row_s * 2)) + np.abs(network.i_leak_a).max()
+    ampere = volt * (g + network.rows * network.g_lateral_row_s * 2) + leak
     c = s.plan.converter
     return np.broadcast_to(ampere * np.abs(c.gain) / (c.k * c.i0_a), s.plan.resistance_ohm.shape)
 
@@ -315,13 +292,14 @@ def _neighbour(s: Subject, engine: str) -> Iterator[str]:
 
 Law = Callable[[Subject], Iterator[str]]
 _ALWAYS = 1.0
+_EVERY = {typed_errors: _ALWAYS, numbers: _ALWAYS}
 _LAWS: dict[str, dict[Law, float]] = {
-    "closed,event": {
-        numbers: _ALWAYS, closed_equals_event: _ALWAYS, fifty_digits: 0.1, parts: 0.5,
+    "closed,event": _EVERY | {
+        closed_equals_event: _ALWAYS, fifty_digits: 0.1, parts: 0.5,
         repeated: 0.02, monotone: 0.4, symmetric: 0.4, budget: _ALWAYS,
     },
-    "rtl": {numbers: _ALWAYS, through_verilog: _ALWAYS},
-    "cosim": {numbers: _ALWAYS, through_spice: _ALWAYS},
+    "rtl": _EVERY | {through_verilog: _ALWAYS},
+    "cosim": _EVERY | {through_spice: _ALWAYS},
 }  # fmt: skip
 ENGINES = {name: {law.__name__: (law, share) for law, share in laws.items()} for name, laws in _LAWS.items()}
 """Engines of a campaign -> law by name, and the share of scenes that it is asked about."""
@@ -329,35 +307,19 @@ ENGINES = {name: {law.__name__: (law, share) for law, share in laws.items()} for
 
 def meaning(engines_: str, name: str) -> str:
     """Return the statement of a law in one line."""
-    if name == "typed_errors":
-        return "Nothing but the project's own errors, no floating-point exception, no warning"
     return (ENGINES[engines_][name][0].__doc__ or "").splitlines()[0].rstrip(".")
 
 
 @dataclass
 class Outcome:
-    """Result of the laws for one world.
+    """Result of the laws for one world."""
 
-    Attributes
-    ----------
-    refused : str
-        Message of the InputError, or of the SimulatorError of an array solve (`given_up`, exit 3).
-    broken : list of (law, line)
-    asked, compared : Counter
-        Laws that were asked, and those that applied.
-    """
-
-    refused: str = ""
-    given_up: bool = False
-    broken: list[tuple[str, str]] = field(default_factory=list)
+    refused: str = ""  # message of the InputError, or of the SimulatorError of an array solve
+    given_up: bool = False  # the latter, exit 3
+    broken: list[tuple[str, str]] = field(default_factory=list)  # law and line
     asked: Counter[str] = field(default_factory=Counter)
-    compared: Counter[str] = field(default_factory=Counter)
+    compared: Counter[str] = field(default_factory=Counter)  # laws that applied
     conversions: int = 0
-
-    @property
-    def laws(self) -> set[str]:
-        """Names of the broken laws."""
-        return {law for law, _ in self.broken}
 
 
 def judge(world: World, engines_: str, seed: int, only: Iterable[str] | None = None) -> Outcome:
@@ -374,7 +336,7 @@ def judge(world: World, engines_: str, seed: int, only: Iterable[str] | None = N
     ):
         warnings.simplefilter("error")
         try:
-            subject = Subject(world, Path(directory), seed, "event")
+            subject = Subject(world, Path(directory), seed)
             outcome.conversions = subject.result.codes.size
         except (InputError, SimulatorError) as error:
             outcome.refused = str(error).replace(directory, "")

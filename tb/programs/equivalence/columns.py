@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,12 +23,14 @@ from dermis.chip import netlist, sky130
 from dermis.chip.spice_text import spice_number
 from dermis.lockstep import ladder, ngspice
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
+from dermis.report import progress
 from dermis.scene import design as design_module
 from dermis.scene.design import ROOT
 from scripts import workers
 from scripts.characterise import runs
 from scripts.characterise.benches import SUPPLY_V, Condition
 from scripts.checkpoint import Checkpoint
+from scripts.judged import SHOW
 from tb.reference.chip import Synchronizer
 
 WORK = ROOT / "build" / "equivalence"
@@ -39,18 +42,16 @@ _OPEN_S, _CLOCK_S = 120.0, 1.0
 
 @dataclass(frozen=True, eq=False)
 class Slot:
-    """Record of a slot, clock by clock from 1.
+    """Record of a slot, clock by clock from 1."""
 
-    Attributes
-    ----------
-    comparator, bits : [clocks] comparator at the synchronizer's input, and the decisions
-    stored_v : [clocks + 1] the integrator's output with the sign of the stored charge; [0] at the end of the preset
-    """
+    comparator: NDArray[np.bool_]  # [clocks] at the synchronizer's input
+    bits: NDArray[np.bool_]  # [clocks] decisions
+    stored_v: NDArray[np.float64]  # [clocks + 1] output with the sign of the charge; [0] ends the preset
 
-    comparator: NDArray[np.bool_]
-    bits: NDArray[np.bool_]
-    stored_v: NDArray[np.float64]
 
+JOBS = click.option("--jobs", default=os.cpu_count(), type=click.IntRange(1, 64), help="Processes.", **SHOW)
+FRESH = click.option("--fresh", is_flag=True, help="Run what is kept from earlier runs as well.")
+"""Options of commands that run columns."""
 
 Record = tuple[list[bool], list[bool], list[float]]
 """A slot as JSON holds it."""
@@ -66,13 +67,8 @@ def deck_of(
 ) -> Deck:
     """Return the deck of a column with ideal row drivers and the capacitance of its line, in one piece.
 
-    Parameters
-    ----------
-    rows : row lines, row0 and so on
-    loads : elements between them and the column `col`
-    channel : instance of the channel on `col`
-    probes : comparator and integrator
-    blocks : a folder of netlists in place of spice/sky130
+    `loads` are elements between the row lines row0 ... and the column `col`, `channel` an instance on it,
+    `probes` comparator and integrator, and `blocks` a folder of netlists in place of spice/sky130.
     """
     design, drawn = design_module.load(), condition.sample is not None
     lines = [
@@ -105,18 +101,11 @@ def deck_of(
 
 @dataclass(frozen=True)
 class Column:
-    """A column to run.
-
-    Attributes
-    ----------
-    deck : from `deck_of`
-    clocks : decisions of each row
-    sign : of the integrator's voltage over the stored charge
-    """
+    """A column to run."""
 
     deck: Deck
-    clocks: int
-    sign: float = -1.0
+    clocks: int  # decisions of each row
+    sign: float = -1.0  # of the integrator's voltage over the stored charge
 
     @property
     def name(self) -> str:
@@ -142,8 +131,7 @@ def _attempt(column: Column, log: Path, level: ladder.Level) -> list[Record]:
         log=log,
         level=level,
     )
-    found = []
-    edges: list[tuple[float, int, float]] = []
+    found, edges = [], []
     try:
         half.advance(0.0, edges)
         for row in range(column.rows):
@@ -177,10 +165,7 @@ def _attempt(column: Column, log: Path, level: ladder.Level) -> list[Record]:
 def simulate(column: Column, log: Path) -> list[Record]:
     """Read every row of a column once in this process, which ngspice needs for itself.
 
-    Raises
-    ------
-    SimulatorError
-        ngspice gave up on every rung of the ladder.
+    Raises SimulatorError if ngspice gave up on every rung of the ladder.
     """
     log.parent.mkdir(parents=True, exist_ok=True)
     os.chdir(log.parent)  # the transistor model writes a file in its working directory
@@ -190,19 +175,13 @@ def simulate(column: Column, log: Path) -> list[Record]:
 def records(
     columns: Sequence[Column],
     jobs: int,
-    tell: Callable[[int], None] = lambda done: None,
+    title: str = "columns",
     fresh: bool = False,
     work: Path = WORK,
 ) -> list[list[Slot] | str]:
     """Return the records of columns in order; a text is the reason for a missing one.
 
-    Parameters
-    ----------
-    columns : what to run
-    jobs : processes at a time
-    tell : called with the number that is done
-    fresh : ignore stored records
-    work : folder with one file a column
+    With `fresh` no record stored in `work` is used.
     """
     sources = (Path(__file__), ngspice.SOURCE, Path(ngspice.__file__))
     stamp = hashlib.sha256(b"".join(f.read_bytes() for f in sources)).hexdigest()[:16]
@@ -213,15 +192,15 @@ def records(
         workers.Task(simulate, (c, work / "logs" / f"{name}.log"), _OPEN_S + _CLOCK_S * c.clocks * c.rows)
         for name, c in todo.items()
     )
-    tell(len(columns) - len(todo))
-    for done, (number, outcome) in enumerate(workers.run(tasks, jobs, fresh=True), 1):
-        name = list(todo)[number]
-        if outcome.fault:
-            faults[name] = outcome.fault
-        else:
-            stored[name].put("slots", outcome.value)
-        tell(len(columns) - len(todo) + done)
-    return [
-        faults.get(c.name) or [Slot(*map(np.array, slot)) for slot in stored[c.name].pieces["slots"]]
-        for c in columns
-    ]
+    with progress.slots(title, len(columns), "columns") as tell:
+        for done, (number, outcome) in enumerate(workers.run(tasks, jobs, fresh=True), 1):
+            name = list(todo)[number]
+            if outcome.fault:
+                faults[name] = outcome.fault
+            else:
+                stored[name].put("slots", outcome.value)
+            tell(len(columns) - len(todo) + done)
+    found = {
+        n: [Slot(*map(np.array, slot)) for slot in stored[n].pieces["slots"]] for n in stored.keys() - faults
+    }
+    return [(found | faults)[column.name] for column in columns]

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import json
-import os
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import NoReturn
 
 import click
 
@@ -18,12 +18,12 @@ from dermis.report.verdict import Row
 from dermis.scene import design as design_module
 from dermis.scene import extracted
 from dermis.scene.design import ROOT
-from scripts import workers
+from scripts import judged, workers
 from scripts.characterise import results, runs
 from scripts.characterise.benches import BENCHES
 from scripts.checkpoint import Checkpoint
-from tb.programs.equivalence import columns, extract, faults, gate, rules
-from tb.programs.equivalence.columns import Column, Slot
+from tb.programs.equivalence import columns, extract, faults, gate
+from tb.programs.equivalence.columns import Slot
 from tb.programs.equivalence.gate import Case
 
 LENGTH = Case(codes=(0, 64, 200, 250))
@@ -50,12 +50,14 @@ def extract_command(check: bool) -> int:
     return 0
 
 
-def chosen(every: dict[str, Any], only: Sequence[str]) -> list[Any]:
-    """Return the values whose names hold one of the words, or all of them."""
-    found = [value for name, value in every.items() if not only or any(word in name for word in only)]
-    if not found:
-        raise InputError("command line", "--only", " ".join(only), f"part of one of {', '.join(every)}")
-    return found
+def chosen(names: Iterable[str], only: Sequence[str]) -> list[str]:
+    """Return the names that hold one of the words, or all of them."""
+    return [name for name in names if not only or any(word in name for word in only)]
+
+
+def refuse(only: Sequence[str], allowed: str) -> NoReturn:
+    """Raise the InputError of words that no name holds."""
+    raise InputError("command line", "--only", " ".join(only), f"part of one of {allowed}")
 
 
 def stale_row() -> Row:
@@ -63,11 +65,6 @@ def stale_row() -> Row:
     paths = [extracted.path_of(at.corner, at.celsius) for at in gate.CONDITIONS]
     why = [extracted.stale(p) if p.exists() else f"{p.name}: missing" for p in paths]
     return verdict.judge("equivalence.stale_files", sum(map(bool, why)), "; ".join(filter(None, why)))
-
-
-def _records(title: str, asked: Sequence[Column], jobs: int, fresh: bool) -> list[list[Slot] | str]:
-    with progress.slots(title, len(asked), "columns") as tell:
-        return columns.records(asked, jobs, tell, fresh)
 
 
 def gate_row(case: Case, slots: list[Slot] | str) -> Row:
@@ -88,10 +85,10 @@ def length_row(jobs: int, fresh: bool) -> Row:
     name = "equivalence.short_gate_error"
     short = LENGTH.column()
     full = dataclasses.replace(short, clocks=design_module.load().timing.gate_clocks)
-    found = _records("equivalence", [short, full], jobs, fresh)
+    found = columns.records([short, full], jobs, "equivalence", fresh)
     if any(isinstance(slots, str) for slots in found):
         return verdict.error(name, "; ".join(s for s in found if isinstance(s, str)))
-    foreseen = gate.read(found[0]).counts()
+    foreseen = gate.counts(gate.read(found[0]))
     counted = [int(slot.bits.sum()) for slot in found[1]]
     # A count is truncated: up to one below the prediction.
     beyond = [max(c - u, u - c - 1.0, 0.0) for c, u in zip(counted, foreseen, strict=True)]
@@ -113,64 +110,51 @@ def fault_row(kind: str, slots: list[Slot] | str) -> Row:
 
 def fault_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
     """Put the seeded faults to the gate: a row each, and the share of those noticed."""
-    kinds = [kind for kind in faults.FAULTS if not only or any(word in kind for word in only)]
-    if not kinds:
+    if not (kinds := chosen(faults.FAULTS, only)):
         return []
     asked = [faults.LOOP.column(faults.written(kind, columns.WORK / "faults")) for kind in kinds]
-    found = _records("faults", asked, jobs, fresh)
+    found = columns.records(asked, jobs, "faults", fresh)
     rows = [fault_row(kind, slots) for kind, slots in zip(kinds, found, strict=True)]
     known = [row["status"] == "PASS" for row in rows if row["status"] != "ERROR"]
+    share = sum(known) / len(known) if known else None
     note = f"{len(known)} of {len(rows)} measured"
-    return [
-        *rows,
-        verdict.judge("equivalence.faults_caught", sum(known) / len(known) if known else None, note),
-    ]
+    return [*rows, verdict.judge("equivalence.faults_caught", share, note)]
 
 
 def rule_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
     """Put the faults of every rule to the benches: a row for each that passes, and the share of the others."""
-    asked = [fault for fault in rules.faults() if not only or any(word in fault.name for word in only)]
-    stamp = hashlib.sha256(json.dumps([extracted.circuit_digests(), rules.digest()]).encode()).hexdigest()
+    every = {fault.name: fault for fault in faults.by_rule()}
+    asked = [every[name] for name in chosen(every, only)]
+    stamp = hashlib.sha256(json.dumps([extracted.circuit_digests(), faults.digest()]).encode()).hexdigest()
     kept = Checkpoint(columns.WORK / "rules.json", stamp, fresh=fresh)
-    todo = [fault for fault in asked if fault.name not in kept.pieces]
-    tasks = (
-        workers.Task(rules.noticed, (fault, columns.WORK / "rules"), rules.TASK_LIMIT_S) for fault in todo
-    )
-    with progress.slots("rules", len(asked), "faults") as tell:
-        for done, (number, outcome) in enumerate(workers.run(tasks, jobs), len(asked) - len(todo) + 1):
-            kept.put(todo[number].name, outcome.value if not outcome.fault else outcome.fault, now=False)
-            tell(done)
-    kept.save()
-    passed = [fault.name for fault in asked if not kept.pieces[fault.name]]
-    share = 1.0 - len(passed) / len(asked) if asked else None
-    rows = [verdict.skip(f"equivalence.passes.{name}", rules.reason(name)) for name in passed]
-    return [
-        *rows,
-        verdict.judge("equivalence.faults_noticed", share, f"{len(asked) - len(passed)} of {len(asked)}"),
-    ]
+    work, limit_s = columns.WORK / "rules", faults.TASK_LIMIT_S
+    tasks = {fault.name: workers.Task(faults.noticed, (fault, work), limit_s) for fault in asked}
+    done = itertools.count(1 + len(tasks.keys() & kept.pieces.keys()))
+    with progress.slots("rules", len(tasks), "faults") as tell:
+        lost = kept.run(tasks, jobs, lambda name: tell(next(done)))
+    passed = [name for name in tasks if not (kept.pieces | lost)[name]]  # one that never ends is noticed
+    share = 1.0 - len(passed) / len(tasks) if tasks else None
+    note = f"{len(tasks) - len(passed)} of {len(tasks)}"
+    rows = [verdict.skip(f"equivalence.passes.{name}", faults.reason(name)) for name in passed]
+    return [*rows, verdict.judge("equivalence.faults_noticed", share, note)]
 
 
 @click.command("equivalence")
 @click.option("--only", multiple=True, metavar="WORD", help="Columns with this word in their names.")
 @click.option("--faults", "seeded", is_flag=True, help="Seed faults in the netlists; say which are caught.")
-@click.option(
-    "--jobs", type=click.IntRange(1, 64), default=os.cpu_count(), show_default=True, help="Processes."
-)
-@click.option("--fresh", is_flag=True, help="Run what is kept from earlier runs as well.")
+@columns.JOBS
+@columns.FRESH
 def equivalence_command(only: tuple[str, ...], seeded: bool, jobs: int, fresh: bool) -> int:
     """Channels in transistors against the models extracted from them; rows in build/equivalence.json."""
     if seeded:
-        names = (*faults.FAULTS, *(fault.name for fault in rules.faults()))
-        if only and not any(word in name for word in only for name in names):
-            allowed = f"part of one of {', '.join(faults.FAULTS)}, or of SUBCIRCUIT.ELEMENT.KIND"
-            raise InputError("command line", "--only", " ".join(only), allowed)
+        if not chosen((*faults.FAULTS, *(fault.name for fault in faults.by_rule())), only):
+            refuse(only, f"{', '.join(faults.FAULTS)}, or of SUBCIRCUIT.ELEMENT.KIND")
         rows = fault_rows(only, jobs, fresh) + rule_rows(only, jobs, fresh)
     else:
-        cases = chosen({case.name: case for case in gate.everything()}, only)
-        found = _records("equivalence", [case.column() for case in cases], jobs, fresh)
+        every = {case.name: case for case in gate.everything()}
+        cases = [every[name] for name in chosen(every, only)] or refuse(only, ", ".join(every))
+        found = columns.records([case.column() for case in cases], jobs, "equivalence", fresh)
         rows = [stale_row(), *(gate_row(*pair) for pair in zip(cases, found, strict=True))]
         rows += [] if only else [length_row(jobs, fresh)]
     target = "equivalence_faults" if seeded else "equivalence"
-    verdict.write_rows(target, rows)
-    verdict.print_rows(rows, target)
-    return verdict.exit_code(rows)
+    return judged.finish(target, rows, target)

@@ -35,11 +35,8 @@ Bench = tuple[str, Callable[[Found], list[Measured]]]
 I0_A, C_F, T_CLK_S = 25e-6, 5e-12, 200e-9
 """Nominal values of the circuit; a packet is I0_A * T_CLK_S."""
 
-POINTS = 11
-"""Currents of a line, from none to x = 1/2, evenly."""
-
-LIFT_V = 0.02
-"""Step of the summing node that measures its load: far more than in operation."""
+POINTS = 11  # currents of a line, from none to x = 1/2, evenly
+LIFT_V = 0.02  # step of the summing node that measures its load: far more than in operation
 
 
 def polarity(topology: str) -> int:
@@ -64,8 +61,7 @@ _COPY = {
 
 # Preset as long as the chip's, gates long enough for the null to find its level; the first one only does that.
 _PRESET_S, _GATE_S, _READ_S = 23e-6, 45e-6, 20e-6
-_SHARES = (0.0, 0.0, 0.5, 1.0)
-"""Of the current of x = 1/2, slot by slot."""
+_SHARES = (0.0, 0.0, 0.5, 1.0)  # of the current of x = 1/2, slot by slot
 
 
 def column_body(topology: str, k: int) -> str:
@@ -132,9 +128,8 @@ def chain(topology: str, k: int, found: Found) -> list[Measured]:
     apart_lsb = 510.0 * float(np.max(np.abs(out - gain * duty - offset)))
     g_out, g_off = ((found[f"{at}11"] - found[f"{at}12"]) / (2.0 * LIFT_V) for at in ("out", "off"))
     leak_a = sign * found["off0"]
-    line = (
-        f"line through the current into the integrator, 0 .. {duty[-1] * k * I0_A * 1e3:g} mA into the column"
-    )
+    most_ma = duty[-1] * k * I0_A * 1e3
+    line = f"line through the current into the integrator, 0 .. {most_ma:g} mA into the column"
     start = f"where that line begins, and {leak_a * 1e9:+.2f} nA of the charge source, off"
     return [
         Measured("mirror_ratio", "ratio_error", gain - 1.0, f"{line}; {apart_lsb:.2f} LSB from it at most"),
@@ -147,8 +142,7 @@ def chain(topology: str, k: int, found: Found) -> list[Measured]:
 def _nearest_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Return slope and start of the minimax line.
 
-    That line lies parallel to a chord, half way between the points farthest above and below it; with so few points all
-    chords are tried.
+    It is parallel to a chord, half way between the points farthest above and below it; all are tried.
     """
     lines = []
     for j, i in itertools.combinations(range(len(x)), 2):
@@ -214,11 +208,10 @@ def vfc(sign: int, found: Found) -> list[Measured]:
     apart = f"mean of packets every 2 and every 8 clocks, {1e4 * (packets[0] - packets[1]):+.1f}e-4 apart"
     currents = " and ".join(f"{run['i'] * 1e6:g}" for run in _RUNS.values())
     preset_v = -sum(starts) / 2.0 * (I0_A * T_CLK_S / C_F)
+    released = f"charge behind the preset's release, mean at {currents} uA"
     return [
         Measured("charge_packet", "packet_error", sum(packets) / 2.0, apart),
-        Measured(
-            "preset_error", "v_v", preset_v, f"charge behind the preset's release, mean at {currents} uA"
-        ),
+        Measured("preset_error", "v_v", preset_v, released),
     ]
 
 

@@ -14,7 +14,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +24,10 @@ from dermis.chip.spice_text import spice_number
 from dermis.converter import walk
 from dermis.records import Plan
 from dermis.scene import design as design_module
-from dermis.scene import scene
 from dermis.scene.design import TOPOLOGIES
 from scripts.characterise.benches import Condition
 from tb.programs.equivalence.columns import Column, Slot, deck_of
+from tb.reference import scenes
 
 Floats = NDArray[np.float64]
 
@@ -38,38 +37,21 @@ first slot after power-on the offset null settles; it is read like any other, an
 
 SETTLING_ROWS = 1
 
-CLOCKS = 64
-"""Length of the short gate."""
-
+CLOCKS = 64  # length of the short gate
 TYPICAL = Condition()
-CONDITIONS = (
-    TYPICAL,
-    Condition("ss", -40.0),
-    Condition("ff", 125.0),
-    Condition("sf", 27.0),
-    Condition("fs", 27.0),
-)
+CONDITIONS = TYPICAL, *(Condition(*at) for at in (("ss", -40.0), ("ff", 125.0), ("sf", 27.0), ("fs", 27.0)))
 """Extracted conditions: typical, slow and fast at their worse temperature, both skews."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One column to compare.
-
-    Attributes
-    ----------
-    topology, k : the channel
-    condition : where; transistors and temperature name the file of parameters, which is that of the nominal supply and
-        of nominal resistors and capacitors
-    codes : ideal codes of its taxels, row by row
-    clocks : decisions of each row
-    """
+    """One column to compare; parameters are those of nominal supply, resistors and capacitors."""
 
     topology: str = "conveyor_mirror"
     k: int = 80
     condition: Condition = TYPICAL
-    codes: tuple[int, ...] = CODES
-    clocks: int = CLOCKS
+    codes: tuple[int, ...] = CODES  # ideal codes of its taxels, row by row
+    clocks: int = CLOCKS  # decisions of each row
 
     @property
     def name(self) -> str:
@@ -106,47 +88,38 @@ def everything() -> list[Case]:
     capacitors there, the skews once.
     """
     corners, skews = CONDITIONS[:3], CONDITIONS[3:]
+    supplies = [dataclasses.replace(at, supply=s) for at in corners for s in (0.9, 1.1)]
+    ends = [dataclasses.replace(at, corner=f"{at.corner}_{end}") for at in corners for end in ("low", "high")]
     return [
         *(Case(topology, 80, at) for at in corners for topology in TOPOLOGIES),
         *(Case(condition=at) for at in skews),
         *(Case(k=k, condition=at) for at in corners for k in (20, 40, 160)),
-        *(Case(condition=dataclasses.replace(at, supply=s)) for at in corners for s in (0.9, 1.1)),
-        *(
-            Case(condition=dataclasses.replace(at, corner=f"{at.corner}_{end}"))
-            for at in corners
-            for end in ("low", "high")
-        ),
+        *(Case(condition=at) for at in (*supplies, *ends)),
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """Lines of charge of the rows of a column, in packets of the converter.
+@dataclass(frozen=True)
+class Line:
+    """Charge of a row in packets of the converter, by clock after the release of the preset."""
 
-    Attributes
-    ----------
-    slope : [rows] packets a clock
-    start : [rows] at the release of the preset, counted from the level of the decision
-    """
+    start: float  # counted from the level of the decision
+    slope: float
 
-    slope: Floats
-    start: Floats
-
-    def counts(self, clocks: int = 510, most: float = 255.0) -> Floats:
-        """Counts before they are cut to whole ones, 0 .. `most`."""
-        return np.clip(self.start + self.slope * clocks + 1.0, 0.0, most)
+    def reach(self, clocks: int) -> float:
+        """Return the count of a gate before it is cut to a whole one."""
+        return self.start + self.slope * clocks + 1.0
 
 
-def read(slots: Sequence[Slot]) -> Reading:
+def counts(lines: Sequence[Line], clocks: int = 510, most: float = 255.0) -> Floats:
+    """Return the counts of rows before they are cut to whole ones, 0 .. `most`."""
+    return np.clip([line.reach(clocks) for line in lines], 0.0, most)
+
+
+def read(slots: Sequence[Slot]) -> list[Line]:
     """Fit the lines of a column: a start and a slope for each row, one packet for all.
 
     A packet decided at clock n flows from n + 1 to n + 2; at n + 2 its edge of 1 ns has just begun to fall, and the
-    amplifier has not yet followed: that is one more unknown, the same for all packets.
-
-    Raises
-    ------
-    ValueError
-        No row has a packet, so its size is unknown.
+    amplifier has not yet followed: that is one more unknown, the same for all packets. ValueError without a packet.
     """
     rows = len(slots)
     parts, values = [], []
@@ -164,7 +137,8 @@ def read(slots: Sequence[Slot]) -> Reading:
     matrix, value = np.concatenate(parts), np.concatenate(values)
     found = np.linalg.lstsq(matrix, value, rcond=None)[0]
     packet = float(found[-2])
-    return Reading(found[rows : 2 * rows] / packet, (found[:rows] - _levels(slots)) / packet)
+    starts, slopes = (found[:rows] - _levels(slots)) / packet, found[rows : 2 * rows] / packet
+    return [Line(*pair) for pair in zip(starts.tolist(), slopes.tolist(), strict=True)]
 
 
 def _levels(slots: Sequence[Slot]) -> Floats:
@@ -188,15 +162,10 @@ def _levels(slots: Sequence[Slot]) -> Floats:
 def model(case: Case) -> Plan:
     """Return the plan of a column of extracted converters: a frame of one column, with ideal row drivers."""
     at = case.condition
-    named: dict[str, Any] = {"corner": at.corner.partition("_")[0], "temperature_c": float(at.celsius)}
-    data = {
-        "array": {"rows": len(case.codes), "cols": 1},
-        "stimulus": {"kind": "uniform", "code": 0},
-        "interface": {"topology": case.topology, "k": case.k},
-        "effects": {"extracted": named, "row_driver": False},
-    }
-    made = plan.make(scene.from_data(data, Path("equivalence")), "event")
-    return dataclasses.replace(made, resistance_ohm=case.resistances()[None, :, None])
+    named = {"corner": at.corner.partition("_")[0], "temperature_c": float(at.celsius)}
+    on, interface = {"extracted": named, "row_driver": False}, {"topology": case.topology, "k": case.k}
+    world = scenes.of_resistances(case.resistances()[None, :, None], on, interface, "equivalence")
+    return plan.make(world, "event")
 
 
 def model_slots(made: Plan, clocks: int) -> list[Slot]:
@@ -216,13 +185,6 @@ def model_slots(made: Plan, clocks: int) -> list[Slot]:
 
 
 def compare(case: Case, slots: Sequence[Slot]) -> dict[int, float]:
-    """Return the counts at 510 clocks of the circuit less those of the model, by ideal code.
-
-    Raises
-    ------
-    ValueError
-        As `read`.
-    """
-    circuit, extracted = read(slots), read(model_slots(model(case), case.clocks))
-    apart = circuit.counts() - extracted.counts()
+    """Return the counts at 510 clocks of the circuit less those of the model, by ideal code; errors of `read`."""
+    apart = counts(read(slots)) - counts(read(model_slots(model(case), case.clocks)))
     return dict(zip(case.codes[SETTLING_ROWS:], apart[SETTLING_ROWS:].tolist(), strict=True))

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis fuzz`: Hypothesis draws hostile input for every reader, each in a process of its own.
 
-A target is a module target_NAME with `strategy() -> SearchStrategy[bytes]`, `prepare(place)`, called once in
-a process with the directory of its inputs, and `run(data, place)`, which returns "taken" or "refused" or
-raises Finding.
+A target is a module target_NAME with `strategy() -> SearchStrategy[bytes]`, `prepare(place)`, called once
+with the directory of its inputs, and `run(data, place)`, which returns "taken" or "refused" or raises Finding.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import importlib
 import tempfile
 import types
 import warnings
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,22 +22,52 @@ import click
 import hypothesis
 from hypothesis import HealthCheck, Verbosity
 
+from dermis.chip import netlist
 from dermis.places import BUILD, ROOT
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
-from scripts import workers
-from tb.programs.fuzz.faults import FAULTS, seed_fault
+from dermis.scene import schema, stimulus
+from scripts import judged, workers
 from tb.programs.fuzz.oracle import Finding
 
 INPUTS = {"scene": 12_000, "frames": 12_000}
 """Inputs of a whole run by target, few where one takes long."""
 
-ROUND = 2_000
-"""Inputs of one process, which remembers all of them."""
-
+ROUND = 2_000  # inputs of one process, which remembers all of them
 ROUND_S, SEEDED_INPUTS = 900.0, 3_000
 WORK = BUILD / "fuzz"
 FOUND = ROOT / "tb" / "programs" / "fuzz" / "found"
+
+# ---- seeded faults: each replaces one function of the package, and shows that an oracle works ---------------------
+
+
+def _title_in_deck(whole: Any) -> Any:
+    def titled(made: Any, *rest: Any, **more: Any) -> Any:
+        deck = whole(made, *rest, **more)
+        return deck.__class__(**{**vars(deck), "lines": (f"* {made.scene.title}", *deck.lines)})
+
+    return titled
+
+
+def _digit(whole: Any) -> Any:
+    return lambda v: f"{v:.1g}" if isinstance(v, float) and v % 1 else whole(v)
+
+
+FAULTS = {
+    "title_in_deck": ("scene", netlist, "frame_deck", _title_in_deck),
+    "resolved_keeps_one_digit": ("scene", schema, "_toml_value", _digit),
+    "room_for_the_limit": (
+        "frames",
+        stimulus,
+        "read_bytes",
+        lambda _: lambda path, limit, by=None: open(path, "rb").read(limit),
+    ),
+    "nan_accepted": ("frames", stimulus, "_check_values", lambda _: lambda *given: None),
+}
+"""Target that must meet a fault, then the attribute of a module and its replacement as a function of it."""
+
+
+# ---- runs --------------------------------------------------------------------------------------------------------
 
 
 @contextlib.contextmanager
@@ -55,13 +84,9 @@ def prepared(name: str) -> Iterator[tuple[types.ModuleType, Path]]:
 
 
 def fuzz(name: str, inputs: int, seed: int, fault: str = "") -> dict[str, Any]:
-    """Run inputs of a target and store the smallest input of each finding in FOUND; with a seeded
-    fault nothing is stored.
+    """Run inputs of a target and store the smallest one of each finding in FOUND, unless a fault is seeded.
 
-    Returns
-    -------
-    dict
-        inputs, taken, refused, and found: place and oracle -> text.
+    Returns the numbers of inputs, taken and refused, and `found`: the texts of findings by signature.
     """
     counts: Counter[str] = Counter()
     found: dict[str, tuple[bytes, Finding]] = {}
@@ -69,7 +94,8 @@ def fuzz(name: str, inputs: int, seed: int, fault: str = "") -> dict[str, Any]:
     with prepared(name) as (target, place), warnings.catch_warnings():
         warnings.simplefilter("ignore", hypothesis.errors.HypothesisWarning)  # inputs are long to print
         if fault:
-            seed_fault(fault)
+            _, of, attribute, change = FAULTS[fault]
+            setattr(of, attribute, change(getattr(of, attribute)))
 
         @hypothesis.seed(seed)
         @hypothesis.settings(
@@ -99,8 +125,8 @@ def fuzz(name: str, inputs: int, seed: int, fault: str = "") -> dict[str, Any]:
     return {**counts, "found": {signature: str(finding) for signature, (_, finding) in found.items()}}
 
 
-def replay(name: str) -> dict[str, str]:
-    """Run the stored inputs of a target; return the findings by file."""
+def replay(name: str) -> dict[str, dict[str, str]]:
+    """Run the stored inputs of a target; return the texts of `found`, by file."""
     found = {}
     with prepared(name) as (target, place):
         for file in sorted(FOUND.glob(f"{name}_*")):
@@ -108,24 +134,24 @@ def replay(name: str) -> dict[str, str]:
                 target.run(file.read_bytes(), place)
             except Finding as finding:
                 found[file.name] = str(finding)
-    return found
+    return {"found": found}
 
 
 def rows_of(tasks: Sequence[workers.Task], outcomes: Sequence[workers.Outcome]) -> list[Row]:
     """Return the rows of build/fuzz.json."""
-    counts: dict[str, Counter[str]] = {}
-    findings: dict[str, list[str]] = {}
+    counts: dict[str, Counter[str]] = defaultdict(Counter)
+    findings: dict[str, list[str]] = defaultdict(list)
     missed, seeded = [], 0
     for task, outcome in zip(tasks, outcomes, strict=True):
         name, *rest = task.arguments
-        piece = outcome.value or {}
-        found = list((piece if task.function is replay else piece.pop("found", {})).values())
+        piece = dict(outcome.value or {})
+        found = list(piece.pop("found", {}).values())
         if fault := rest[2] if len(rest) > 2 else "":
             seeded += 1
             missed += [] if found else [f"{fault}: {outcome.fault or 'not seen'}"]
             continue
-        findings.setdefault(name, []).extend([*found, *filter(None, [outcome.fault])])
-        counts.setdefault(name, Counter()).update({} if task.function is replay else piece)
+        findings[name] += [*found, *filter(None, [outcome.fault])]
+        counts[name].update(piece)
     rows = []
     for name, own in counts.items():
         note = f"{own['taken']} taken, {own['refused']} refused"
@@ -170,6 +196,4 @@ def fuzz_command(only: tuple[str, ...], inputs: int | None, seed: int, jobs: int
             outcomes[number] = outcome
             show(done, str(tasks[number].arguments[0]))
     rows = rows_of(tasks, outcomes)
-    verdict.write_rows("fuzz", rows)
-    verdict.print_rows(rows, "Hostile input")
-    return verdict.exit_code(rows)
+    return judged.finish("fuzz", rows, "Hostile input")

@@ -14,9 +14,7 @@ from typing import Any
 import tomli_w
 from hypothesis import strategies as st
 
-SIZE_MAX = 1 << 15
-"""Bytes of an input."""
-
+SIZE_MAX = 1 << 15  # bytes of an input
 TEXTS = (
     "", " ", "\n", "\r", "\x00", "\x1b[31mred", "\x7f", "\x85", "\u2028", "\u202eltr", "\ufeff", "\u00e9", "\U0001f9a0",
     "\n.control\nshell touch fuzz_was_here\n.endc\n", ".include /etc/passwd", "*\n.control\nquit\n.endc",

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rules for any input: refused in one printable line, or taken within memory and time and without a
-trace.
-"""
+"""Rules for any input: refused in one printable line, or taken within memory and time, traceless."""
 
 from __future__ import annotations
 
@@ -12,32 +10,25 @@ import resource
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dermis.errors import InputError
 
-CPU_S = 4.0
-"""Processor time of one input, ten times that of the slowest legal one."""
-
-WALL_S = 60.0
-"""Wall clock time of one input, for inputs that wait, such as a FIFO."""
-
+CPU_S = 4.0  # processor time of one input, ten times that of the slowest legal one
+WALL_S = 60.0  # wall clock time of one input, for inputs that wait, such as a FIFO
 ADDRESS_BYTES, RESIDENT_BYTES = 192 << 20, 96 << 20
 """Memory that an input may reserve and touch; its largest array has 2 MB."""
 
-LINE_MAX = 2000
-"""Characters of a refusal; dermis.errors cuts each of its parts."""
+LINE_MAX = 2000  # characters of a refusal; dermis.errors cuts each of its parts
 
 
 class Finding(Exception):
     """A violation: the oracle that saw it, its place in the package as module and function, and a text.
 
-    Oracles: `escape` an exception other than the typed ones, `line` a refusal that is not one
-    printable line, `write` a file, `memory`, `time`, `deck` a strange line of a
-    deck, `value` a result out of range, `again` a resolved file that reads differently, `exit` an
-    unknown exit code.
+    Oracles: `escape` an exception other than the typed ones, `line` a refusal that is not one printable
+    line, `write` a file, `memory`, `time`, `deck` a strange line of a deck, `value` a result out of
+    range, `again` a resolved file that reads differently, `exit` an unknown exit code.
     """
 
     def __init__(self, kind: str, place: str, text: str) -> None:
@@ -50,7 +41,7 @@ class OverTime(BaseException):
     """The input took longer than its limit; no `except Exception` of the package catches it."""
 
 
-def _over(signal_number: int, frame: Any) -> None:
+def _over(*_: object) -> None:
     raise OverTime
 
 
@@ -107,12 +98,9 @@ _KINDS = {OverTime: "time", MemoryError: "memory", SystemExit: "exit", BaseExcep
 
 
 def judge(call: Callable[[], object], cpu_s: float = CPU_S) -> str:
-    """Run a call for one input and return "refused" or "taken", or raise the first Finding.
+    """Return "refused" or "taken" for a call with an input, or raise the first Finding.
 
-    Parameters
-    ----------
-    call : uses the input; in the working directory it may leave nothing
-    cpu_s : processor time that it may take
+    It may take `cpu_s` of processor time and leave nothing in the working directory.
     """
     resident, stopped = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, None
     before = set(os.listdir())

@@ -24,8 +24,7 @@ from dermis.scene import scene as scenes
 from tb.programs.fuzz import inputs, oracle, target_scene
 
 HEAD = 6
-POWER_MAX = 22
-"""4 MB: enough for memory that grows faster than the file."""
+POWER_MAX = 22  # 4 MB: enough for memory that grows faster than the file
 
 
 def _link(to: str) -> Callable[[Path, bytes], None]:

@@ -28,9 +28,7 @@ from tb.programs.fuzz import deck, inputs, oracle
 from tb.programs.fuzz.oracle import Finding
 from tb.reference.scenes import PROFILES, random_scene
 
-DECK_TAXELS = 300
-"""Taxels of the largest array whose deck is checked line by line."""
-
+DECK_TAXELS = 300  # taxels of the largest array whose deck is checked line by line
 SMALL = "[array]\nrows = 3\ncols = 2\n[stimulus]\n"
 CODES = 'kind = "frames"\nfile = "frames.csv"\nunit = "codes"\n'
 _FLAT = 'shape = "flat"\nforce_n = 1.0\n'

@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-LIMIT_S = 120.0
-"""Time limit of a run; the slowest build, of Verilator, takes 20 s on an idle core."""
+LIMIT_S = 120.0  # time limit of a run; the slowest build, of Verilator, takes 20 s on an idle core
 
 
 @dataclass(frozen=True)
@@ -23,24 +22,10 @@ class Measured:
 
 @dataclass(frozen=True)
 class Case:
-    """A hard case.
+    """A hard case of a group, array or converter, named by its difficulty; |error| <= `limit` passes.
 
-    Parameters
-    ----------
-    name : str
-        Its difficulty in lower snake case, such as ``between_two_codes``.
-    group : str
-        array or converter.
-    runs : mapping
-        Engine -> a module-level function, or a functools.partial of one, for a worker process.
-    limit, unit : float, str
-        |error| <= limit passes; the unit of both.
-    limit_s : float
-        Time limit of a run.
-    short : bool
-        Part of the short set, which `make test` runs; well under a second each.
-    refused : mapping
-        Engine -> reason why it cannot express the case.
+    `runs` has, by engine, a picklable function for a worker process; `refused` the reason why an engine
+    cannot express the case. A `short` one, well under a second, is part of the short set of `make test`.
     """
 
     name: str

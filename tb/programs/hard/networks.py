@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard cases of the array: shorts, opens, resistances 70 decades apart, lines that cancel, sizes
-from 1x1 to 256x256.
+"""Hard cases of the array: shorts, opens, resistances 70 decades apart, currents that cancel.
 
-Each runs in the solver and in engines closed and event. The currents of every column in every slot
-and the codes are compared.
+Each runs in the solver and in engines closed and event: currents of every slot and codes are compared.
 """
 
 from __future__ import annotations
@@ -27,15 +25,12 @@ from tb.reference import nodal
 Floats = NDArray[np.float64]
 
 V_BIAS = 0.5
-K_I0_A = 80 * 12.5e-6
-"""Column current at duty 1 in the plans of `plan_of`."""
-
+K_I0_A = 80 * 12.5e-6  # column current at duty 1 in the plans of `plan_of`
 CLOCKS, CODE_MAX = 510, 255
 
 DIGITS = 120
 
-# A current of 0 is computed as the leakage of the stand-ins for ideal sources (docs/array.md,
-# Bounds).
+# A current of 0 is computed as the leakage of stand-ins for ideal sources (docs/array.md, Bounds).
 NOTHING_A = 1e-45
 
 
@@ -44,7 +39,7 @@ class Hard:
     """A hard network: its conductances and its other elements.
 
     The currents are those of the nodal matrix in DIGITS digits, only for `slots` if that would take
-    long. With `cancels` the currents of offsets cancel, so errors are relative to the terms of the sum.
+    long. With `cancels` errors are relative to the terms of a sum.
     """
 
     name: str
@@ -67,14 +62,8 @@ class Hard:
         return slice(None) if self.slots is None else list(self.slots)
 
 
-def _error(have: Floats, want: Floats) -> Floats:
-    return np.where(np.abs(have - want) <= NOTHING_A, 0.0, np.abs(have - want))
-
-
 def currents(name: str) -> Measured:
-    """Return the largest relative error of a current, relative to itself or to the largest one in
-    its slot that cancels.
-    """
+    """Return the largest error of a current over itself, or over the largest of a slot that cancels."""
     hard = TABLE[name]
     with solve_error.recording() as record:
         have = column_currents(hard.network())[hard.rows()]
@@ -82,7 +71,7 @@ def currents(name: str) -> Measured:
     size = np.abs(want)
     if hard.cancels:
         size = np.broadcast_to(size.max(axis=-1, keepdims=True), want.shape)
-    error = _error(have, want)
+    error = np.where(np.abs(have - want) <= NOTHING_A, 0.0, np.abs(have - want))
     worst = np.divide(error, size, out=np.where(error > 0, np.inf, 0.0), where=size > 0).max()
     return Measured(float(worst), f"bound {record.bound:.1e}, condition {record.condition:.1e}")
 
@@ -154,7 +143,10 @@ FLOATING = CHIP | {"r_row_grounded_ohm": INF}
 _SHARED = _with(INF, (1, 0), (1, 2), (2, 2), (3, 1))
 _SHORT_AND_OPEN = _with(INF, (2, slice(0, 3)), (0, 0))
 _MILLIVOLTS = 1e-3 * _rng("offsets").standard_normal(16)
-_UNEQUAL = {"r_row_driven_ohm": 1e6, "r_row_grounded_ohm": 0.0, "r_column_ohm": 1e-12}
+_FAR_APART = np.array([[1e12, 1e3], [1e-3, 2e-3]])
+_UNEQUAL = {"r_row_driven_ohm": 1e6, "r_column_ohm": 1e-12, "v_column_offset_v": [1e-3, 0.0]}
+_TINY = _offsets(1e-20, -1e-20, 1e-20, 0.0, 2e-20) | {"r_column_ohm": 1e-9}
+_HUGE = _offsets(-1e30, 0.0, 0.0) | {"r_column_ohm": [5e17, 0.5, 0.5]}
 _LEAKS = {"i_leak_a": [1e-6, 0.0, -1e-9, 1e-15], "r_column_ohm": [1e9, 0.5, 1e3, 1e6]}
 _EVERYTHING = {"r_row_grounded_ohm": 8.0, "v_column_offset_v": _MILLIVOLTS, "i_leak_a": 1e-8}
 
@@ -182,12 +174,7 @@ _HARD = (
     Hard("drivers_1e9", _random("d9", 4, 5), _drivers(1e9, 1e9)),
     Hard("driver_ideal_others_1e9", _random("d09", 4, 5), _drivers(0.0, 1e9)),
     Hard("driver_1e9_others_ideal", _random("d90", 4, 5), _drivers(1e9, 0.0)),
-    Hard(
-        "driver_1e9_others_ideal_offsets",
-        np.array([[1e12, 1e3], [1e-3, 2e-3]]),
-        _UNEQUAL | {"v_column_offset_v": [1e-3, 0.0]},
-        cancels=True,
-    ),
+    Hard("driver_1e9_others_ideal_offsets", _FAR_APART, _UNEQUAL, cancels=True),
     Hard("rows_floating", _random("f", 5, 4), FLOATING),
     Hard("rows_floating_and_open", _with(0.0, (2, ALL)), FLOATING),
     Hard("rows_floating_tiny_traces", _random("f23", 3, 3), _traces(1e-23) | {"r_row_grounded_ohm": INF}),
@@ -200,18 +187,8 @@ _HARD = (
     Hard("one_by_one", _random("1", 1, 1), TRACES, short=True),
     Hard("one_row", _random("1n", 1, 16), TRACES),
     Hard("one_column", _random("n1", 12, 1), TRACES),
-    Hard(
-        "offsets_1e_minus_20",
-        _random("tiny", 4, 5),
-        _offsets(1e-20, -1e-20, 1e-20, 0.0, 2e-20) | {"r_column_ohm": 1e-9},
-        cancels=True,
-    ),
-    Hard(
-        "offset_1e30_behind_5e17",
-        _random("1e30", 3, 3),
-        _offsets(-1e30, 0.0, 0.0) | {"r_column_ohm": [5e17, 0.5, 0.5]},
-        cancels=True,
-    ),
+    Hard("offsets_1e_minus_20", _random("tiny", 4, 5), _TINY, cancels=True),
+    Hard("offset_1e30_behind_5e17", _random("1e30", 3, 3), _HUGE, cancels=True),
     Hard("leaks_behind_1e9", _random("leak", 3, 4), TRACES | _LEAKS, cancels=True),
     Hard("chip_with_everything", _random("chip", 16, 16), CHIP | _EVERYTHING, slots=(0, 9), cancels=True),
 )

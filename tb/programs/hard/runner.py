@@ -20,9 +20,7 @@ MODULES = {"array": networks, "converter": converter}
 """Group -> module with `cases()`; the quickest first, so that a table is there within seconds."""
 
 SLOW = ("cosim", "verilator")
-"""Runs left out of the short set: processes and builds take seconds, and the tests of these engines
-cover them.
-"""
+"""Runs left out of the short set: they take seconds, and the tests of these engines cover them."""
 
 
 def all_cases() -> list[Case]:
@@ -31,14 +29,7 @@ def all_cases() -> list[Case]:
 
 
 def chosen(words: Sequence[str], short: bool) -> list[Case]:
-    """Return cases whose group or name has one of the words; with `short` the short set without its
-    slow runs.
-
-    Raises
-    ------
-    InputError
-        There is none.
-    """
+    """Return cases whose group or name has one of the words, short ones without slow runs; InputError for none."""
     found = []
     for case in all_cases():
         if words and not any(word in case.name or word == case.group for word in words):
@@ -55,9 +46,7 @@ def chosen(words: Sequence[str], short: bool) -> list[Case]:
 
 
 def run(cases: Sequence[Case], jobs: int, group: str) -> list[Row]:
-    """Run the cases of a group and return a row for each run, in the order of the cases, then one for
-    each reason of skipped cases.
-    """
+    """Return a row for each run of a group's cases, then one for each reason of skipped cases."""
     own = [case for case in cases if case.group == group]
     pairs = [(case, name) for case in own for name in case.runs]
     rows: list[Row] = [{}] * len(pairs)
@@ -96,9 +85,7 @@ def row_of(case: Case, engine: str, outcome: workers.Outcome) -> Row:
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Parallel runs.")
 @click.option("--list", "listed", is_flag=True, help="List the cases and run nothing.")
 def hard_command(only: tuple[str, ...], short: bool, jobs: int, listed: bool) -> int:
-    """Run hard cases in every engine that can express them, against exact answers; rows in
-    build/hard.json.
-    """
+    """Run hard cases in every engine that takes them, against exact answers; rows in build/hard.json."""
     cases = chosen(only, short)
     if listed:
         for case in cases:
