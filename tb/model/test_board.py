@@ -31,23 +31,15 @@ def _rows_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def run_read(folder: Path, counts: np.ndarray, *arguments: str) -> tuple[int, Any, list[str]]:
     """Read counts by the command; return its exit code, forces with their ends, and the verdicts that failed."""
-    np.save(folder / "counts.npy", counts)
-    said = [
-        str(folder / "counts.npy"),
-        "--unit",
-        "codes",
-        "--rate",
-        "100",
-        *arguments,
-        "--out",
-        str(folder / "out"),
-    ]
+    file, out = folder / "counts.npy", folder / "out"
+    np.save(file, counts)
+    said = [str(file), *"--unit codes --rate 100 --out".split(), str(out), *arguments]
     done = CliRunner().invoke(read.read_command, said, standalone_mode=False)
     if done.exception is not None:
         raise done.exception
     names = ("forces_n", "forces_low_n", "forces_high_n")
-    arrays = Forces(*(np.load(folder / "out" / f"{name}.npy") for name in names), np.empty(0, np.uint8))
-    verdicts = json.loads((folder / "out" / "summary.json").read_text())["verdicts"]
+    arrays = Forces(*(np.load(out / f"{name}.npy") for name in names), np.empty(0, np.uint8))
+    verdicts = json.loads((out / "summary.json").read_text())["verdicts"]
     return done.return_value, arrays, [row["name"] for row in verdicts if row["status"] == "FAIL"]
 
 

@@ -60,18 +60,13 @@ def compiled(tree: ast.Module) -> set[ast.FunctionDef]:
     """Functions of a module that numba compiles, by a decorator or by a name for one."""
     makers = {"njit", "jit"}
     for node in tree.body:
-        if (
-            isinstance(node, ast.Assign)
-            and isinstance(node.value, ast.Call)
-            and "jit" in ast.unparse(node.value.func)
-        ):
+        if isinstance(node, ast.Assign) and "jit(" in ast.unparse(node.value):
             makers |= {target.id for target in node.targets if isinstance(target, ast.Name)}
 
     def marked(mark: ast.expr) -> bool:
         return ast.unparse(mark.func if isinstance(mark, ast.Call) else mark).rpartition(".")[2] in makers
 
-    functions = (node for node in tree.body if isinstance(node, ast.FunctionDef))
-    return {f for f in functions if any(map(marked, f.decorator_list))}
+    return {f for f in tree.body if isinstance(f, ast.FunctionDef) and any(map(marked, f.decorator_list))}
 
 
 def python_calls(tree: ast.AST, loops: set[ast.FunctionDef]) -> Iterator[str]:
@@ -127,13 +122,11 @@ NETWORK = Network(np.ones((2, 3)), 0.5, 1.0, 1.0, 1.0)  # type: ignore[arg-type]
 LAW = MemoryLaw.of_effects(0.1, 0.05, 1e-2)
 ONES, BYTES = np.ones((4, 2, 3)), np.ones((4, 2, 3), np.uint8)
 HALF = np.ones((4, 2, 6))[:, :, ::2]
-PLACES = [np.ones((4, 2, 3)) for _ in range(3)]
 
 
 def forces(**changed: Any) -> Forces:
     """Arrays to fill, one of them wrong."""
-    names = ("force_n", "low_n", "high_n")
-    return Forces(**dict(zip(names, PLACES, strict=True)) | {"flags": BYTES.copy()} | changed)
+    return dataclasses.replace(Forces.empty((4, 2, 3)), **changed)
 
 
 def stream(*arrays: Any) -> Any:
