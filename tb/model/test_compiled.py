@@ -107,16 +107,13 @@ def test_every_compiled_entry_point_is_listed_with_its_guard(tmp_path: Path) -> 
     assert entries(PACKAGE) == listed
     text = "".join(path.read_text(encoding="utf-8") for path in (PACKAGE / "lockstep").glob("*.py"))
     assert set(re.findall(r"\b_?lib\.(lo\w+)\((?!\))", text)) == GUARDS["lockstep"].keys()
-    (tmp_path / "new.py").write_text(
-        "_fast = numba.njit(cache=True)\n@_fast\ndef loop(x): ...\ndef use(x): loop(x)\n"
-    )
+    new = "_fast = numba.njit(cache=True)\n@_fast\ndef loop(x): ...\ndef use(x): loop(x)\n"
+    (tmp_path / "new.py").write_text(new)
     assert entries(tmp_path) == {("new", "loop")}, "a new one is seen"
 
 
-SKIN = Skin(
-    array={"rows": 2, "cols": 3},
-    effects={"sensor_hysteresis": True, "sensor_creep": True, "row_driver": True},
-)
+WORN = {"sensor_hysteresis": True, "sensor_creep": True, "row_driver": True}
+SKIN = Skin(array={"rows": 2, "cols": 3}, effects=WORN)
 KNOWN = SKIN.decoder.calibration
 NETWORK = Network(np.ones((2, 3)), 0.5, 1.0, 1.0, 1.0)  # type: ignore[arg-type]
 LAW = MemoryLaw.of_effects(0.1, 0.05, 1e-2)
@@ -201,12 +198,10 @@ def test_every_guard_has_cases() -> None:
     assert named - {PLAN} == set(BAD)
 
 
-@pytest.mark.parametrize(
-    ("guard", "number"), [(guard, n) for guard, calls in BAD.items() for n in range(len(calls))]
-)
-def test_a_guard_refuses(guard: str, number: int) -> None:
+@pytest.mark.parametrize(("guard", "n"), [(guard, n) for guard in BAD for n in range(len(BAD[guard]))])
+def test_a_guard_refuses(guard: str, n: int) -> None:
     with pytest.raises((ValueError, InputError)):
-        BAD[guard][number]()
+        BAD[guard][n]()
 
 
 def test_no_number_stays_no_number() -> None:

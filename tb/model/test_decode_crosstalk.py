@@ -14,12 +14,8 @@ SHAPES = [(1, 1), (1, 5), (6, 1), (4, 4), (7, 12), (16, 16)]
 
 
 def network(rows: int, cols: int, **fields: object) -> Network:
-    given = {
-        "r_row_driven_ohm": 25.0,
-        "r_row_grounded_ohm": 25.0,
-        "r_column_ohm": 5.0,
-        "g_lateral_row_s": 1e-3,
-    }
+    given = {"r_row_driven_ohm": 25.0, "r_row_grounded_ohm": 25.0, "r_column_ohm": 5.0}
+    given["g_lateral_row_s"] = 1e-3
     return Network(np.zeros((rows, cols)), 0.5, **(given | fields))
 
 
@@ -70,13 +66,8 @@ def test_traces_are_taken_out_of_rounded_readings() -> None:
     read[:, 4] = [-8.8e-7, 3.2e-4, 3.8e-4, 5.4e-4, 3.6e-4, 5.0e-4, 5.3e-4, -8.8e-7]
     read[[0, 7], 3:6] = -7e-7, -8.8e-7, -1.7e-7
     read[3, [3, 5]] = 7.2e-6, 7.5e-6
-    fields = {
-        "r_row_driven_ohm": 0.0,
-        "r_row_grounded_ohm": 0.0,
-        "r_column_ohm": 1.66,
-        "g_lateral_row_s": 1.26e-3,
-    }
-    fields |= {"r_trace_row_ohm": 1e-3, "r_trace_column_ohm": 0.39}
+    fields = {"r_row_driven_ohm": 0.0, "r_row_grounded_ohm": 0.0, "r_column_ohm": 1.66}
+    fields |= {"g_lateral_row_s": 1.26e-3, "r_trace_row_ohm": 1e-3, "r_trace_column_ohm": 0.39}
     net = network(8, 8, **fields, v_column_offset_v=np.array([0, 0, 0, -3.2e-4, 2e-5, -3.2e-4, 0, 0]))
     assert crosstalk.solve(net, read[None]).converged.all()
 

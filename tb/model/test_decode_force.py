@@ -24,14 +24,8 @@ CHIP = {
     "row_driver": {"r_ohm": 2.0}, "column_input": {"r_ohm": 1.0}, "lateral": True, "column_offset": {"v_v": 3e-4},
     "mirror_ratio": {"ratio_error": 0.01, "spread": 0.01}, "sensor_spread": True,
 }  # fmt: skip
-TOUCH = {
-    "kind": "ramp",
-    "shape": "spherical",
-    "force_n": [0.0, 12.0, 0.0],
-    "frames": 41,
-    "width": 9,
-    "length": 9,
-}
+TOUCH = {"kind": "ramp", "shape": "spherical", "force_n": [0.0, 12.0, 0.0], "frames": 41}
+TOUCH |= {"width": 9, "length": 9}
 
 
 def made(stimulus: dict[str, Any] = TOUCH, effects: dict[str, Any] = CHIP, **tables: Any) -> records.Plan:

@@ -255,9 +255,8 @@ def test_the_command_writes_a_calibration_and_sees_a_drift(tmp_path: Path) -> No
     assert made.reference[0][:2] == (0, 1)
     drifted = dataclasses.replace(made, step_a=made.step_a * np.where(np.arange(SIZE) == 5, 1.05, 1.0))
     drifted.save(tmp_path / "old.toml")
-    status, said = run(
-        str(path), *("--out", str(tmp_path / "sheet.toml"), "--check", str(tmp_path / "old.toml"))
-    )
+    checked = "--check", str(tmp_path / "old.toml")
+    status, said = run(str(path), "--out", str(tmp_path / "sheet.toml"), *checked)
     assert status == 1
     assert "gain_drift.column_5" in said
     assert "column_4" not in said

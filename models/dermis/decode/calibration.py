@@ -140,14 +140,11 @@ class Calibration:
         setting = setting_of(plan.scene)
         state = SensorState(**effects.gather(plan.scene.effects, setting).sensor)
         factor = sheet_factor(state, (plan.rows, plan.cols), setting.rng)
-        memory = MemoryLaw.of_effects(
-            state.hysteresis, state.creep_per_decade, plan.scene.design.sensor.creep_start_s
-        )
+        start_s = plan.scene.design.sensor.creep_start_s
+        memory = MemoryLaw.of_effects(state.hysteresis, state.creep_per_decade, start_s)
         sheet = {"curve": of_sensor(plan.sensor), "factor": factor, "memory": memory}
-        sheet |= {
-            "network": dict(plan.surrounding),
-            "uncorrected_part": UNSEEN_DECADES * state.creep_per_decade,
-        }
+        sheet |= {"network": dict(plan.surrounding)}
+        sheet |= {"uncorrected_part": UNSEEN_DECADES * state.creep_per_decade}
         read_out = _of_chip(plan) if plan.front_end is None else _of_board(plan.front_end)
         return cls(rows=plan.rows, cols=plan.cols, v_bias_v=plan.v_bias_v, **read_out, **sheet)
 
@@ -298,6 +295,7 @@ def load(path: Path | str) -> Calibration:
     array, chip, sheet, memory = (_Table(path, n, data.get(n)) for n in ("array", "chip", "sheet", "memory"))
     rows, cols, code_max = array.whole("rows"), array.whole("cols"), chip.whole("code_max")
     taxels, radius = (rows, cols), memory.numbers("radius", None)
+    weight = memory.numbers("weight", radius.shape)
     # The first versions had no codes of none and of full scale, and no uncertainty of offsets.
     first = {"zero_code": [0.0] * cols, "full_code": [code_max] * cols, "falling": False, "divider": False}
     chip = _Table(path, "chip", first | chip.data)
@@ -315,11 +313,7 @@ def load(path: Path | str) -> Calibration:
         network=_Table(path, "network", data.get("network", {})).network(cols),
         curve=curve,
         factor=sheet.numbers("factor", taxels, positive=True),
-        memory=MemoryLaw(
-            radius,
-            memory.numbers("weight", (radius.size,)),
-            **memory.floats("creep_per_decade creep_start_s"),
-        ),
+        memory=MemoryLaw(radius, weight, **memory.floats("creep_per_decade creep_start_s")),
         g_max_s=array.number("g_max_s"),
         own={one.place(rows, cols): replace(curve, **one.pieces()) for one in each("own_law")},
         reference=tuple((*t.place(rows, cols), t.number("conductance_s")) for t in each("reference")),

@@ -91,9 +91,8 @@ def fit_chip(calibration: Calibration, codes: ArrayLike, current_a: ArrayLike) -
         covariance = sigma**2 * np.linalg.inv(matrix.T @ matrix)
         step[c], step_part[c] = 1 / slope, np.sqrt(covariance[1, 1]) / slope
         start_sigma[c] = np.sqrt(covariance[0, 0])
-    return dataclasses.replace(
-        calibration, step_a=step, start_code=start, step_part=step_part, start_sigma_code=start_sigma
-    )
+    errors = {"step_part": step_part, "start_sigma_code": start_sigma}
+    return dataclasses.replace(calibration, step_a=step, start_code=start, **errors)
 
 
 def fit_noise(codes: ArrayLike) -> float:

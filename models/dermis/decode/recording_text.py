@@ -75,6 +75,8 @@ _MM = {
 KNOWN = "npy, npz, mat, HDF5 and bags are known by their suffix"
 PLACES_MAX = 1 << 16
 """The largest array: 256 x 256."""
+_ROW = re.compile(r"(?!.*[a-zA-DF-Z]{2})[-+.\dB]")
+"""Beginning of a row of numbers: no words; E may be an exponent, B a place without a sensel."""
 _PICTURE = re.compile(r"\W*pict-?no\.?:?\s*(\d{1,9})", re.IGNORECASE)
 
 
@@ -798,9 +800,7 @@ def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
             part = None if line.lower().startswith("group") else line[7:].strip(" ,;\t")
         elif at is not None and line.lower().startswith("time") and (clock := _CLOCK.search(line)):
             kept[at] += f"({_stamp(clock[0])!r}s)"
-        elif (
-            None not in (at, part) and re.match(r"[-+.\dB]", line) and not re.search(r"[a-zA-DF-Z]{2}", line)
-        ):
+        elif None not in (at, part) and _ROW.match(line):
             parts.setdefault(part, []).append(n)
     try:
         rows, cols = (int(re.split(r"\D", said[name])[0]) for name in ("rows", "cols"))

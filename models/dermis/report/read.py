@@ -22,6 +22,7 @@ from dermis.chip.spi_protocol import RowsOfInterest
 from dermis.converter.vfc import code_type
 from dermis.decode import calibration, recording, recording_bag
 from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Forces
+from dermis.decode.recording import Recording
 from dermis.errors import InputError, counted, one_line, optional
 from dermis.files import write_atomic
 from dermis.places import BUILD
@@ -116,9 +117,7 @@ def error_figures(
     }
 
 
-def read_frames(
-    skin: Skin, rec: recording.Recording, force: Floats
-) -> tuple[Codes, Forces, list[verdict.Row]]:
+def read_frames(skin: Skin, rec: Recording, force: Floats) -> tuple[Codes, Forces, list[verdict.Row]]:
     """Send forces through the chip and back; return codes, decoded forces and verdicts.
 
     A force that is missing (NaN) is sent as the one before it in time.
@@ -154,7 +153,7 @@ def read_frames(
     return codes, found, rows
 
 
-def decode_frames(skin: Skin, rec: recording.Recording, path: str) -> tuple[Codes, Forces, list[verdict.Row]]:
+def decode_frames(skin: Skin, rec: Recording, path: str) -> tuple[Codes, Forces, list[verdict.Row]]:
     """Decode the codes of a chip; return them, forces and verdicts. InputError for values that are no codes."""
     most, missing = skin.decoder.calibration.code_max, np.isnan(rec.values)
     values = np.where(rec.present, rec.values, 0.0)
@@ -191,9 +190,7 @@ def _filled(values: Floats) -> Floats:
     return np.nan_to_num(recording.held(recording.held(values)[::-1])[::-1])
 
 
-def _decoded(
-    skin: Skin, rec: recording.Recording, codes: Codes, missing: NDArray[np.bool_], dt: Floats
-) -> Forces:
+def _decoded(skin: Skin, rec: Recording, codes: Codes, missing: NDArray[np.bool_], dt: Floats) -> Forces:
     """Decode codes; a missing one gives NaN in 0..inf, and may be any code for the intervals of the others."""
     found = skin.decode(codes, dt)
     if missing.any():
@@ -223,7 +220,7 @@ def _largest(codes: NDArray) -> verdict.Row:
     return verdict.within("read.largest_code", most, "codes", LEAST_CODE, None, why)
 
 
-def understood(rec: recording.Recording, unit: str, area_mm2: float | None) -> dict[str, str]:
+def understood(rec: Recording, unit: str, area_mm2: float | None) -> dict[str, str]:
     """Return what was understood of a recording, by name."""
     frames, rows, cols = rec.values.shape
     missing, absent = int(np.isnan(rec.values).sum()), int((~rec.present).sum())
@@ -312,6 +309,7 @@ def _missing_of(said: tuple[str, ...]) -> dict[str, Any]:
 
 
 _FILE, _POSITIVE = click.Path(), click.FloatRange(0, 1e9, min_open=True)
+_SKIPPED, _PART = click.IntRange(0, 10_000), click.IntRange(1)
 
 
 @click.command("read")
@@ -320,13 +318,9 @@ _FILE, _POSITIVE = click.Path(), click.FloatRange(0, 1e9, min_open=True)
 @click.option("--rate", type=click.FloatRange(1e-6, 1e9), help="Frames per second, if the file has no times.")
 @click.option("--rows", type=click.IntRange(1, 256), help="Rows of the array.")
 @click.option("--cols", type=click.IntRange(1, 256), help="Columns of the array.")
-@click.option(
-    "--skip", type=click.IntRange(0, 10_000), help="Leading columns to skip, such as a time or a counter."
-)
+@click.option("--skip", type=_SKIPPED, help="Leading columns to skip, such as a time or a counter.")
 @click.option("--taxels", callback=_range_of, metavar="FIRST..LAST", help="Columns of the taxels, from 0.")
-@click.option(
-    "--part", type=click.IntRange(1), help="Sensor, or group of names, from 1, of a file with several."
-)
+@click.option("--part", type=_PART, help="Sensor, or group of names, from 1, of a file with several.")
 @click.option("--header", type=click.Choice(["yes", "no"]), help="Whether a line of numbers is a header.")
 @click.option(
     "--axes",
@@ -449,7 +443,7 @@ def read_command(
         return verdict.exit_code(judged)
 
 
-def _masked(rec: recording.Recording, mask: str) -> recording.Recording:
+def _masked(rec: Recording, mask: str) -> Recording:
     """Return a recording without the taxels for which the file `mask` has 0."""
     rows, cols = rec.present.shape
     allowed = f"{rows} x {cols} values, 0 where there is no taxel"
@@ -466,7 +460,7 @@ def _masked(rec: recording.Recording, mask: str) -> recording.Recording:
 
 def write(
     target: Path,
-    rec: recording.Recording,
+    rec: Recording,
     codes: Codes,
     found: Forces,
     rows: list[verdict.Row],
@@ -507,7 +501,7 @@ def write(
         write_atomic(target / name, content)
 
 
-def _hdf5(arrays: dict[str, NDArray], rec: recording.Recording) -> bytes:
+def _hdf5(arrays: dict[str, NDArray], rec: Recording) -> bytes:
     held = io.BytesIO()
     with optional("h5py", "recordings").File(held, "w") as file:
         for name, array in arrays.items():

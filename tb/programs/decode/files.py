@@ -103,9 +103,8 @@ def text_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.nda
         columns.append((name(r, c), [shown(v) for v in values[:, r, c]]))
     for _ in range(choose([0, 0, 1, 2])):
         at = choose([0, len(columns), len(columns) // 2])
-        counter, random = (
-            [shown(v) for v in v_of] for v_of in (0.5 * np.arange(frames), rng.uniform(0, 9, frames))
-        )
+        numbers = 0.5 * np.arange(frames), rng.uniform(0, 9, frames)
+        counter, random = ([shown(v) for v in column] for column in numbers)
         cells = choose([counter, random, ["palm"] * frames, ["0"] * frames])
         columns.insert(at, (choose(EXTRA), cells))
     if kind == "names" and choose([True, True, False]):

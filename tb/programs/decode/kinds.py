@@ -204,9 +204,8 @@ def xsensor() -> str:
 
 def emed() -> str:
     """Return a list of novel emed: rows 21 to 24, columns 11 to 16, two pages a picture, sums at the margins."""
-    head = (
-        "File: x\tMatrix: 64x95\n\tSensor area: 0.25 cm²\tTime/picture:20.0 ms\nSensor size: 0.500x0.500 cm\n"
-    )
+    head = "File: x\tMatrix: 64x95\n\tSensor area: 0.25 cm²\tTime/picture:20.0 ms"
+    head += "\nSensor size: 0.500x0.500 cm\n"
     lines = [head]
     for n, frame in enumerate(FRAMES):
         for half in (range(3), range(3, 6)):
@@ -308,9 +307,8 @@ def image(ns: int, frame: NDArray[Any], encoding: str, pad: int = 0) -> Any:
     rows = frame.reshape(len(frame), -1).view(np.uint8)
     big = frame.dtype.byteorder == ">"
     data = np.pad(rows, ((0, 0), (0, pad)), constant_values=77)
-    return T["sensor_msgs/msg/Image"](
-        header(ns), *frame.shape[:2], encoding, int(big), data.shape[1], data.ravel()
-    )
+    said = *frame.shape[:2], encoding, int(big), data.shape[1]
+    return T["sensor_msgs/msg/Image"](header(ns), *said, data.ravel())
 
 
 def bag(
@@ -401,7 +399,7 @@ def by_time(name: Callable[[int, int], str], order: str = "C", asks: str = "", *
 # From the definitions: a standard atmosphere is 101.325 kPa, 760 mmHg and 14.69595 psi.
 PSI = 101.325 / 14.69595
 MMHG = 101.325 / 760
-WIDE = np.arange(5.0 * 256).reshape(5, 8, 32)
+WIDE, WIDE_SIZE = np.arange(5.0 * 256).reshape(5, 8, 32), {"rows": 8, "cols": 32}
 HANDS = np.stack([0 * FRAMES, FRAMES], 1)
 LINES = [f"Frame {n}\n" + ",".join(cells(f.ravel())) for n, f in enumerate(FRAMES)]
 LINES_LOST = "\n".join(LINES[:4] + LINES[5:])
@@ -410,11 +408,8 @@ WITH_UNITS = table(flat, {"time": seconds(1e3)}).replace("\n", f"\n{UNITS}\n", 1
 INDEX = {"": [str(n) for n in range(COUNT)]}
 SUM = {"sum": ["7"] * COUNT, "time": seconds()}
 IMU = {"imu_0": ["5"] * COUNT, "imu_1": ["6"] * COUNT}
-ROS = {
-    "%time": list(map(str, STAMPS)),
-    "field.header.seq": INDEX[""],
-    "field.header.frame_id": ["palm"] * COUNT,
-}
+ROS = {"%time": list(map(str, STAMPS)), "field.header.seq": INDEX[""]}
+ROS["field.header.frame_id"] = ["palm"] * COUNT
 WORDS = {"hand": ["left"] * COUNT, "place": ["palm"] * COUNT}
 PAIR = {"stamp.sec": [str(s // 10**9) for s in STAMPS], "stamp.nanosec": [str(s % 10**9) for s in STAMPS]}
 WRAPPED = {"time_us": [str((2**32 - 50_000 + 20_000 * n) % 2**32) for n in range(COUNT)]}
@@ -424,6 +419,7 @@ KPA25 = {"unit": "kpa", "area_mm2": 25.0}
 LOST = np.delete(NO_SENSEL, 9, 0), np.delete(TIME, 9)
 LOST_LINE = np.delete(FRAMES, 4, 0), np.delete(TIME, 4)
 LOST_ROWS = [(7, 3), (8, 0)]
+BLANK_LINES = table(None).replace("\n", "\r\n\r\n")
 GAPS = ("nan", "", "-", "null", "N/A")
 STRIDES = arrays("Float64", np.ravel, [("rows", 4, 6), ("cols", 6, 1)])
 OVERLAP = arrays("Float64", np.ravel, [("rows", 4, 3), ("cols", 6, 3)])
@@ -432,6 +428,7 @@ RGB = images(lambda f: np.zeros((4, 6, 3), "u1"), "rgb8")
 SINGLES = images(lambda f: f.astype("<f4"), "32FC1")
 PADDED = arrays("Int16", padded, [("y", 4, 32), ("x", 6, 8)], 2)
 SOME_NAMES = {"t": TIME, **columns(lambda r, c: flat(r, c) if r < 3 else f"p{r * COLS + c + 5}")}
+RECEPTION = {"time_key": "reception"}
 HEARD_S = (np.array(LATE) - LATE[0]) * 1e-9
 
 CASES: dict[str, Case] = {
@@ -470,9 +467,7 @@ CASES: dict[str, Case] = {
     "a first column that rises": Case("a.csv", table(None, {"": seconds(0.5)}), SIZE, asks="--time-key"),
     "decimal commas and dotted dates": csv(flat, {"time": DATES}, mark=";", point=","),
     # Frames of several lines, missing cells.
-    "blank lines, lost rows": Case(
-        "a.csv", blocks("", LOST_ROWS), RATE, without([7, 8]), says="frame 8 has 3"
-    ),
+    "blank lines, lost rows": Case("a.csv", blocks("", LOST_ROWS), RATE, without([7, 8]), says="8 has 3 of"),
     "comments, lost rows": Case("a.csv", blocks("# frame {n}", LOST_ROWS), SIZE | RATE, without([7, 8])),
     "labels with times": Case("a.csv", blocks("Frame {n} ({t:.2f} s)"), SIZE),
     "labels of lines, one lost": Case("a.csv", LINES_LOST, SIZE | RATE, *LOST_LINE, says="1 frame lost"),
@@ -481,9 +476,7 @@ CASES: dict[str, Case] = {
     # Codings and quotes.
     "UTF-16": Case("a.txt", table(flat, {"time [µs]": seconds(1e6)}, mark="\t").encode("utf-16"), SIZE),
     "Latin-1": Case("a.csv", table(flat, {"°": ["1"] * COUNT, "t": seconds()}).encode("latin-1"), SIZE),
-    "a byte order mark, blank lines": Case(
-        "a.csv", "\ufeff" + table(None).replace("\n", "\r\n\r\n"), SIZE | RATE
-    ),
+    "a byte order mark, blank lines": Case("a.csv", "\ufeff" + BLANK_LINES, SIZE | RATE),
     "quoted cells": Case("a.csv", f'"{QUOTED}"', SIZE),
     "a list in one column": Case("a.csv", "time,data\n" + LIST, SIZE),
     "csv.gz": Case("a.csv.gz", gzip.compress(table(flat, {"t": seconds()}).encode()), SIZE),
@@ -509,9 +502,7 @@ CASES: dict[str, Case] = {
     "npy, taxels first": Case("a.npy", npy(FRAMES.reshape(COUNT, -1).T), SIZE | RATE),
     "npy, two hands": Case("a.npy", npy(HANDS), SIZE | RATE, asks="--axes"),
     "npy, one of two hands": Case("a.npy", npy(HANDS), RATE | {"axes": ("frames", 1, "rows", "cols")}),
-    "npy, 256 columns": Case(
-        "a.npy", npy(WIDE.reshape(5, 256)), RATE | {"rows": 8, "cols": 32}, WIDE, TIME[:5]
-    ),
+    "npy, 256 columns": Case("a.npy", npy(WIDE.reshape(5, -1)), RATE | WIDE_SIZE, WIDE, TIME[:5]),
     "MATLAB 5": Case("a.mat", mat),
     "MATLAB 7.3": Case("a.mat", mat73),
     # Parquet.
@@ -537,12 +528,8 @@ CASES: dict[str, Case] = {
     "rgb8": Case("a", bag({"/skin": RGB}), {"key": "/skin"}, asks="mono16"),
     "two topics": Case("a", bag({"/skin": DOUBLES, "/other": DOUBLES}), asks="--key"),
     "one of two topics": Case("a", bag({"/skin": DOUBLES, "/other": FLOATS}), {"key": "/skin"}),
-    "a field of an own message": Case(
-        "a", bag({"/skin": OWN}, received=LATE), {"key": "/skin.force"}, SINGLE
-    ),
-    "times of reception": Case(
-        "a", bag({"/skin": BIG}, received=LATE), {"time_key": "reception"}, WHOLE, HEARD_S
-    ),
+    "a field of an own message": Case("a", bag({"/a": OWN}, received=LATE), {"key": "/a.force"}, SINGLE),
+    "times of reception": Case("a", bag({"/skin": BIG}, received=LATE), RECEPTION, WHOLE, HEARD_S),
     "a stamp without a header": Case("a", bag({"/skin": STAMPED}, received=LATE), SIZE, SINGLE),
     "a list of messages": Case("a", bag({"/skin": LISTED}), SIZE, SINGLE),
     "two frames in a message": Case("a", bag({"/skin": TWICE}), {"key": "/skin"}, asks="--rows"),

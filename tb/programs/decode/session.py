@@ -21,9 +21,8 @@ def currents(true: Calibration, count: int = 40) -> tuple[Floats, NDArray[np.int
     """Return test currents in ampere, the first 0, and the codes [currents, rows, cols] they read."""
     current = np.linspace(0, 0.9 * true.code_max, count) * true.step_a.mean()
     codes = np.floor(current[:, None, None] / true.step_a + true.start_code + 0.5)
-    return current, np.broadcast_to(
-        np.clip(codes, 0, true.code_max).astype(np.int64), (count, true.rows, true.cols)
-    )
+    codes = np.clip(codes, 0, true.code_max).astype(np.int64)
+    return current, np.broadcast_to(codes, (count, true.rows, true.cols))
 
 
 def weights(skin: Skin, forces_n: Floats) -> tuple[Floats, NDArray[np.integer]]:
