@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import copy
-import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -24,7 +22,7 @@ from dermis.converter.vfc import W_PRESET, code_type
 from dermis.decode import crosstalk
 from dermis.decode.calibration import OVERLOAD, Calibration, sheet_factor
 from dermis.decode.calibration import load as load_calibration
-from dermis.decode.decoder import Decoder, Forces, check_out, numbers, times
+from dermis.decode.decoder import Decoder, Forces, Threaded, check_out, numbers, times
 from dermis.decode.sheets import Sheets, apply_sheet
 from dermis.engines import closed
 from dermis.errors import InputError
@@ -54,32 +52,6 @@ def _conductance(force, k, points, conductances, exponents, force_on, g_open):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _lateral(u, c, g_lateral):
-    """Current from both neighbours into column c, in ampere."""
-    came = 0.0
-    if c > 0:
-        came += g_lateral * (u[c - 1] - u[c])
-    if c + 1 < u.size:
-        came += g_lateral * (u[c + 1] - u[c])
-    return came
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _row_voltages(g, u, driven, v_bias, r_driven, g_ground, total, volt):
-    """Voltages `volt` [rows] of the row lines for column voltages `u`; no row is driven if `driven`
-    is -1.
-    """
-    for i in range(volt.size):
-        drawn = 0.0
-        for c in range(u.size):
-            drawn += g[i, c] * u[c]
-        if i == driven:
-            volt[i] = (v_bias + r_driven * drawn) / (1.0 + r_driven * total[i])
-        else:
-            volt[i] = drawn / (total[i] + g_ground) if total[i] + g_ground > 0.0 else 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _currents(g, out, network, total, volt):
     """Fill `out` with the column currents of `g` [rows, cols], where every column is at its offset.
 
@@ -87,14 +59,20 @@ def _currents(g, out, network, total, volt):
     """
     v_bias, r_driven, g_ground, _, v_offset, i_leak, g_lateral = network
     rows, cols = g.shape
-    for r in range(rows):
-        total[r] = g[r].sum()
-    _row_voltages(g, v_offset, -1, v_bias, r_driven, g_ground, total, volt)
     for c in range(cols):
-        out[0, c] = _lateral(v_offset, c, g_lateral) + i_leak[c]
-    for i in range(rows):
+        out[0, c] = 0.0
+        if c > 0:
+            out[0, c] += g_lateral * (v_offset[c - 1] - v_offset[c])
+        if c + 1 < cols:
+            out[0, c] += g_lateral * (v_offset[c + 1] - v_offset[c])
+        out[0, c] += i_leak[c]
+    for r in range(rows):
+        total[r], drawn = g[r].sum(), 0.0
         for c in range(cols):
-            out[0, c] += g[i, c] * (volt[i] - v_offset[c])
+            drawn += g[r, c] * v_offset[c]
+        volt[r] = drawn / (total[r] + g_ground) if total[r] + g_ground > 0.0 else 0.0
+        for c in range(cols):
+            out[0, c] += g[r, c] * (volt[r] - v_offset[c])
     # The last row first: row 0 holds the values that all rows share.
     for r in range(rows - 1, -1, -1):
         drawn = 0.0
@@ -216,7 +194,7 @@ def _read_frames(forces, envs, begin, stop, dt_s, law, sheet, network, chip, wor
     return stop
 
 
-class Skin:
+class Skin(Threaded):
     """A sheet and its chip, or many of them, as a robot simulator meets them.
 
     >>> skin = Skin("single_touch")
@@ -270,12 +248,12 @@ class Skin:
         stuck: float = 0.0,
         **tables: Any,
     ) -> None:
+        super().__init__()
         machine_code.announce()
         if isinstance(scene, Plan):
             if effects or tables or seed is not None:
-                raise InputError(
-                    "Skin", "scene", "a plan", "a scene, where effects, seed or tables are given"
-                )
+                allowed = "a scene, where effects, seed or tables are given"
+                raise InputError("Skin", "scene", "a plan", allowed)
             self.plan = scene
         else:
             self.plan = _planned(scene, effects, seed, tables)
@@ -301,21 +279,18 @@ class Skin:
         kinds = [(c.code_max, c.falling, c.divider) for c in (true, known)]
         self._other_read_out = kinds[0] != kinds[1]
         self.decoder = Decoder(known, self.t_frame_s)
-        self._local, self._lock = threading.local(), threading.Lock()
         self._network, converter = self.plan.network(0), self.plan.converter
         # Elsewhere the engine's own array solve and count formula do it.
         inputs = self._network.r_column_ohm
-        self._compiled = crosstalk.lumped(self._network) and bool(
-            not inputs.any() or inputs.min() >= LEAST_INPUT_OHM
-        )
+        good = crosstalk.lumped(self._network) and (not inputs.any() or inputs.min() >= LEAST_INPUT_OHM)
         if self.plan.front_end is None:
             start = -W_PRESET + (converter.v_comp_offset_v - converter.preset_error_v) / converter.packet_v()
-            in_order = (start > 0).all() and (true.full_code == true.code_max).all()
-            self._compiled = bool(self._compiled and in_order and np.all(converter.gain > 0))
+            good = good and (start > 0).all() and (true.full_code == true.code_max).all()
+            good = good and np.all(converter.gain > 0)
+        self._compiled = bool(good)
         sensor = self.plan.sensor
-        none = np.zeros(1)
         if isinstance(sensor, InverseSensor):
-            self._law = (sensor.k_force_n_ohm, none, none, none, 0.0, 0.0)
+            self._law = (sensor.k_force_n_ohm, *np.zeros((3, 1)), 0.0, 0.0)
         else:
             points, ohm = np.array(sensor.force_points_n), np.array(sensor.r_points_ohm)
             open_s = 1.0 / sensor.r_open_ohm
@@ -328,16 +303,6 @@ class Skin:
         self._sheets = Sheets(true.memory, sheets, self.rows * self.cols, self._law[-1])
         self._undone: list[Any] = []
         self.reset()
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in ("_local", "_lock")}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._local, self._lock = threading.local(), threading.Lock()
-
-    def __copy__(self) -> Skin:
-        return copy.deepcopy(self)
 
     def _random(self, e: int) -> Callable[[str], np.random.Generator]:
         later = e + int(self._resets[e]) * self.envs if self.envs else 0
@@ -363,16 +328,14 @@ class Skin:
             chosen = np.flatnonzero(chosen)
         elif chosen.size == 0:
             chosen = np.empty(0, dtype=np.int64)
-        if chosen.dtype.kind not in "iu" or (
-            chosen.size and not (0 <= chosen.min() and chosen.max() < sheets)
-        ):
+        if chosen.dtype.kind not in "iu" or not ((chosen >= 0) & (chosen < sheets)).all():
             raise ValueError(f"which must be numbers of sheets 0..{sheets - 1}, or a mask of {sheets}")
         chosen = np.unique(chosen)
         with self._lock:
             self._sheets.reset(chosen)
             self._resets[chosen] += 1
             dead, stuck = self._share
-            if len(self._factor) == sheets and (dead or stuck or (self.envs and self._state.spread)):
+            if dead or stuck or (self.envs and self._state.spread):
                 for e in chosen:
                     self._draw(int(e), dead, stuck)
         if which is None or self.envs is None:
@@ -439,9 +402,8 @@ class Skin:
             raise ValueError("forces_n must be finite and 0 or above")
         if self._other_read_out:
             allowed = "that of the scene's own read-out: this one decodes codes of another"
-            raise InputError(
-                "Skin", "calibration", f"of codes to {self.decoder.calibration.code_max}", allowed
-            )
+            most = self.decoder.calibration.code_max
+            raise InputError("Skin", "calibration", f"of codes to {most}", allowed)
         kind = code_type(self._true.code_max)
         if out is None:
             out = np.empty(forces.shape, kind)
@@ -469,10 +431,8 @@ class Skin:
             return self.decoder.decode(codes, t_frame_s, out)
         count = self._shaped(codes, "codes")
         dt = self._times(t_frame_s, count)
-        if out is None:
-            out = Forces(*(np.empty(codes.shape) for _ in range(3)), np.empty(codes.shape, np.uint8))
-        made = [check_out(getattr(out, name), codes.shape, kind, f"out.{name}") for name, kind in _PLACES]
-        flat = [array.reshape(-1, self.rows, self.cols) for array in (codes, *made)]
+        out = Forces.empty(codes.shape) if out is None else out
+        flat = [array.reshape(-1, self.rows, self.cols) for array in (codes, *out.writable(codes.shape))]
 
         def decode_part(part: slice) -> None:
             first, *places = (array[part] for array in flat)
@@ -530,9 +490,6 @@ class Skin:
         place = len(self._resets), part.start, part.stop
         _taxel_frames(forces, *place, dt_s, self._law, self._sheet(), g)
         codes[part] = self._codes(g)
-
-
-_PLACES = (("force_n", float), ("low_n", float), ("high_n", float), ("flags", np.uint8))
 
 
 def _planned(

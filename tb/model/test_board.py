@@ -31,23 +31,15 @@ def _rows_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def run_read(folder: Path, counts: np.ndarray, *arguments: str) -> tuple[int, Any, list[str]]:
     """Read counts by the command; return its exit code, forces with their ends, and the verdicts that failed."""
-    np.save(folder / "counts.npy", counts)
-    said = [
-        str(folder / "counts.npy"),
-        "--unit",
-        "codes",
-        "--rate",
-        "100",
-        *arguments,
-        "--out",
-        str(folder / "out"),
-    ]
+    file, out = folder / "counts.npy", folder / "out"
+    np.save(file, counts)
+    said = [str(file), *"--unit codes --rate 100 --out".split(), str(out), *arguments]
     done = CliRunner().invoke(read.read_command, said, standalone_mode=False)
     if done.exception is not None:
         raise done.exception
     names = ("forces_n", "forces_low_n", "forces_high_n")
-    arrays = Forces(*(np.load(folder / "out" / f"{name}.npy") for name in names), np.empty(0, np.uint8))
-    verdicts = json.loads((folder / "out" / "summary.json").read_text())["verdicts"]
+    arrays = Forces(*(np.load(out / f"{name}.npy") for name in names), np.empty(0, np.uint8))
+    verdicts = json.loads((out / "summary.json").read_text())["verdicts"]
     return done.return_value, arrays, [row["name"] for row in verdicts if row["status"] == "FAIL"]
 
 
@@ -84,9 +76,7 @@ def scene(made: Board, **front_end: Any) -> dict[str, Any]:
         ({"idle_rows": "open", "lateral_ohm": 1e9}, np.inf),
     ],
 )
-def test_counts_of_a_dense_nodal_solve_are_those_of_a_skin_and_come_back(
-    changes: dict[str, Any], median_n: float
-) -> None:
+def test_counts_of_a_dense_solve_are_those_of_a_skin_and_come_back(changes: dict, median_n: float) -> None:
     made, rng = board(**changes), np.random.default_rng(2)
     force = np.concatenate([touches(rng, 10, ROWS, COLS), rng.uniform(0, 12, (4, ROWS, COLS))])
     counts = made.counts(force, rng)
@@ -114,9 +104,8 @@ def test_a_session_calibrates_a_board_and_the_command_reads_its_counts(tmp_path:
     # Four readings of a count each.
     assert again.noise_code == pytest.approx(0.3, rel=0.2)
     force = touches(rng, 12, ROWS, COLS)
-    code, found, _ = run_read(
-        tmp_path, made.counts(force, rng), "--calibration", str(tmp_path / "sheet.toml")
-    )
+    counts = made.counts(force, rng)
+    code, found, _ = run_read(tmp_path, counts, "--calibration", str(tmp_path / "sheet.toml"))
     assert code == 0
     off = made.alone(found.force_n) - made.alone(force)
     # Rounding and noise of a count; laterals of 0.6 of the dividers make them 2.4 times as large, a quarter is the fit.

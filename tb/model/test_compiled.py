@@ -60,18 +60,13 @@ def compiled(tree: ast.Module) -> set[ast.FunctionDef]:
     """Functions of a module that numba compiles, by a decorator or by a name for one."""
     makers = {"njit", "jit"}
     for node in tree.body:
-        if (
-            isinstance(node, ast.Assign)
-            and isinstance(node.value, ast.Call)
-            and "jit" in ast.unparse(node.value.func)
-        ):
+        if isinstance(node, ast.Assign) and "jit(" in ast.unparse(node.value):
             makers |= {target.id for target in node.targets if isinstance(target, ast.Name)}
 
     def marked(mark: ast.expr) -> bool:
         return ast.unparse(mark.func if isinstance(mark, ast.Call) else mark).rpartition(".")[2] in makers
 
-    functions = (node for node in tree.body if isinstance(node, ast.FunctionDef))
-    return {f for f in functions if any(map(marked, f.decorator_list))}
+    return {f for f in tree.body if isinstance(f, ast.FunctionDef) and any(map(marked, f.decorator_list))}
 
 
 def python_calls(tree: ast.AST, loops: set[ast.FunctionDef]) -> Iterator[str]:
@@ -112,28 +107,23 @@ def test_every_compiled_entry_point_is_listed_with_its_guard(tmp_path: Path) -> 
     assert entries(PACKAGE) == listed
     text = "".join(path.read_text(encoding="utf-8") for path in (PACKAGE / "lockstep").glob("*.py"))
     assert set(re.findall(r"\b_?lib\.(lo\w+)\((?!\))", text)) == GUARDS["lockstep"].keys()
-    (tmp_path / "new.py").write_text(
-        "_fast = numba.njit(cache=True)\n@_fast\ndef loop(x): ...\ndef use(x): loop(x)\n"
-    )
+    new = "_fast = numba.njit(cache=True)\n@_fast\ndef loop(x): ...\ndef use(x): loop(x)\n"
+    (tmp_path / "new.py").write_text(new)
     assert entries(tmp_path) == {("new", "loop")}, "a new one is seen"
 
 
-SKIN = Skin(
-    array={"rows": 2, "cols": 3},
-    effects={"sensor_hysteresis": True, "sensor_creep": True, "row_driver": True},
-)
+WORN = {"sensor_hysteresis": True, "sensor_creep": True, "row_driver": True}
+SKIN = Skin(array={"rows": 2, "cols": 3}, effects=WORN)
 KNOWN = SKIN.decoder.calibration
 NETWORK = Network(np.ones((2, 3)), 0.5, 1.0, 1.0, 1.0)  # type: ignore[arg-type]
 LAW = MemoryLaw.of_effects(0.1, 0.05, 1e-2)
 ONES, BYTES = np.ones((4, 2, 3)), np.ones((4, 2, 3), np.uint8)
 HALF = np.ones((4, 2, 6))[:, :, ::2]
-PLACES = [np.ones((4, 2, 3)) for _ in range(3)]
 
 
 def forces(**changed: Any) -> Forces:
     """Arrays to fill, one of them wrong."""
-    names = ("force_n", "low_n", "high_n")
-    return Forces(**dict(zip(names, PLACES, strict=True)) | {"flags": BYTES.copy()} | changed)
+    return dataclasses.replace(Forces.empty((4, 2, 3)), **changed)
 
 
 def stream(*arrays: Any) -> Any:
@@ -208,12 +198,10 @@ def test_every_guard_has_cases() -> None:
     assert named - {PLAN} == set(BAD)
 
 
-@pytest.mark.parametrize(
-    ("guard", "number"), [(guard, n) for guard, calls in BAD.items() for n in range(len(calls))]
-)
-def test_a_guard_refuses(guard: str, number: int) -> None:
+@pytest.mark.parametrize(("guard", "n"), [(guard, n) for guard in BAD for n in range(len(BAD[guard]))])
+def test_a_guard_refuses(guard: str, n: int) -> None:
     with pytest.raises((ValueError, InputError)):
-        BAD[guard][number]()
+        BAD[guard][n]()
 
 
 def test_no_number_stays_no_number() -> None:

@@ -14,12 +14,8 @@ SHAPES = [(1, 1), (1, 5), (6, 1), (4, 4), (7, 12), (16, 16)]
 
 
 def network(rows: int, cols: int, **fields: object) -> Network:
-    given = {
-        "r_row_driven_ohm": 25.0,
-        "r_row_grounded_ohm": 25.0,
-        "r_column_ohm": 5.0,
-        "g_lateral_row_s": 1e-3,
-    }
+    given = {"r_row_driven_ohm": 25.0, "r_row_grounded_ohm": 25.0, "r_column_ohm": 5.0}
+    given["g_lateral_row_s"] = 1e-3
     return Network(np.zeros((rows, cols)), 0.5, **(given | fields))
 
 
@@ -34,20 +30,14 @@ def worst_relative(found: np.ndarray, g: np.ndarray) -> float:
 
 
 SOURCES = {"v_column_offset_v": 1e-3, "i_leak_a": 1e-6}
+FIELDS = [
+    {}, {"r_column_ohm": 0.0}, {"r_row_driven_ohm": 0.0, "r_row_grounded_ohm": 0.0}, {"r_row_grounded_ohm": np.inf},
+    {"r_column_ohm": 50.0, "r_row_grounded_ohm": 3.0}, SOURCES,
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {},
-        {"r_column_ohm": 0.0},
-        {"r_row_driven_ohm": 0.0, "r_row_grounded_ohm": 0.0},
-        {"r_row_grounded_ohm": np.inf},
-        {"r_column_ohm": 50.0, "r_row_grounded_ohm": 3.0},
-        SOURCES,
-    ],
-)
+@pytest.mark.parametrize("fields", FIELDS)
 def test_conductances_come_back_from_exact_currents(shape: tuple[int, int], fields: dict) -> None:
     rng = np.random.default_rng(1)
     g = random_sheet(rng, 3, *shape)
@@ -76,14 +66,9 @@ def test_traces_are_taken_out_of_rounded_readings() -> None:
     read[:, 4] = [-8.8e-7, 3.2e-4, 3.8e-4, 5.4e-4, 3.6e-4, 5.0e-4, 5.3e-4, -8.8e-7]
     read[[0, 7], 3:6] = -7e-7, -8.8e-7, -1.7e-7
     read[3, [3, 5]] = 7.2e-6, 7.5e-6
-    fields = {
-        "r_row_driven_ohm": 0.0,
-        "r_row_grounded_ohm": 0.0,
-        "r_column_ohm": 1.66,
-        "g_lateral_row_s": 1.26e-3,
-    }
-    offset = np.array([0, 0, 0, -3.2e-4, 2e-5, -3.2e-4, 0, 0])
-    net = network(8, 8, **fields, r_trace_row_ohm=1e-3, r_trace_column_ohm=0.39, v_column_offset_v=offset)
+    fields = {"r_row_driven_ohm": 0.0, "r_row_grounded_ohm": 0.0, "r_column_ohm": 1.66}
+    fields |= {"g_lateral_row_s": 1.26e-3, "r_trace_row_ohm": 1e-3, "r_trace_column_ohm": 0.39}
+    net = network(8, 8, **fields, v_column_offset_v=np.array([0, 0, 0, -3.2e-4, 2e-5, -3.2e-4, 0, 0]))
     assert crosstalk.solve(net, read[None]).converged.all()
 
 
@@ -114,9 +99,8 @@ def test_a_fully_pressed_array_converges_where_the_proof_ends() -> None:
 def test_currents_of_the_nodal_reference_come_back() -> None:
     """The oracle in 60 digits shares nothing with the solver."""
     g = random_sheet(np.random.default_rng(6), 1, 3, 4)
-    net = Network(
-        g[0], 0.5, 25.0, 10.0, np.array([1.0, 2.0, 5.0, 0.0]), 1e-3, g_lateral_row_s=1e-3, i_leak_a=1e-6
-    )
+    inputs_ohm = np.array([1.0, 2.0, 5.0, 0.0])
+    net = Network(g[0], 0.5, 25.0, 10.0, inputs_ohm, 1e-3, g_lateral_row_s=1e-3, i_leak_a=1e-6)
     solved = crosstalk.solve(net, nodal.column_currents(net)[np.newaxis])
     # The forward and the nodal solve agree to 1e-12; the inverse stretches that by less than 100.
     assert worst_relative(solved.conductance_s, g) <= 1e-10

@@ -24,14 +24,8 @@ CHIP = {
     "row_driver": {"r_ohm": 2.0}, "column_input": {"r_ohm": 1.0}, "lateral": True, "column_offset": {"v_v": 3e-4},
     "mirror_ratio": {"ratio_error": 0.01, "spread": 0.01}, "sensor_spread": True,
 }  # fmt: skip
-TOUCH = {
-    "kind": "ramp",
-    "shape": "spherical",
-    "force_n": [0.0, 12.0, 0.0],
-    "frames": 41,
-    "width": 9,
-    "length": 9,
-}
+TOUCH = {"kind": "ramp", "shape": "spherical", "force_n": [0.0, 12.0, 0.0], "frames": 41}
+TOUCH |= {"width": 9, "length": 9}
 
 
 def made(stimulus: dict[str, Any] = TOUCH, effects: dict[str, Any] = CHIP, **tables: Any) -> records.Plan:
@@ -67,10 +61,7 @@ def test_brimacombes_laws_are_found_in_their_own_data() -> None:
         # The inverse adds one root, found to the same digits.
         assert curve.conductance_s(force) == pytest.approx(g, rel=1e-9)
     assert law.rms_error_n(law.fit("table", g, own["cubic"]), g, own["cubic"]) < 0.01 * own["cubic"].max()
-    errors = [
-        law.rms_error_n(law.fit(kind, g, own["cubic"]), g, own["cubic"])
-        for kind in ("linear", "power", "cubic")
-    ]
+    errors = [law.rms_error_n(law.fit(kind, g, own["cubic"]), g, own["cubic"]) for kind in own]
     assert errors[0] > errors[1] > errors[2]
 
 
@@ -133,12 +124,10 @@ def test_a_reference_taxel_tells_the_temperature() -> None:
     force = np.zeros((20, 16, 16))
     force[:, 4:9, 4:9] = np.linspace(0, 10, 20)[:, None, None]
     force[:, 0, 0] = 5.0
-    effects = {"row_driver": True, "sensor_temperature": {"delta_k": 20}}
     cold = made(effects={"row_driver": True})
-    warm = made(effects=effects)
-    codes = closed.run(
-        dataclasses.replace(warm, resistance_ohm=cold.sensor.resistance_ohm(force) / 1.06, force_n=force)
-    ).codes
+    warm = made(effects={"row_driver": True, "sensor_temperature": {"delta_k": 20}})
+    ohm = cold.sensor.resistance_ohm(force) / 1.06
+    codes = closed.run(dataclasses.replace(warm, resistance_ohm=ohm, force_n=force)).codes
     known = calibration.Calibration.of_plan(cold)
     blind = Decoder(known, 2e-3).decode(codes)
     seeing = Decoder(dataclasses.replace(known, reference=((0, 0, 5 / 7500),)), 2e-3).decode(codes)
@@ -150,9 +139,8 @@ def test_a_reference_taxel_tells_the_temperature() -> None:
 
 def test_a_calibration_survives_its_file(tmp_path: Path) -> None:
     plan = planning.load("models/scenes/worn_fsr_sheet.toml", "closed")
-    known = dataclasses.replace(
-        calibration.Calibration.of_plan(plan), noise_code=0.2, reference=((0, 1, 1e-4),)
-    )
+    true = calibration.Calibration.of_plan(plan)
+    known = dataclasses.replace(true, noise_code=0.2, reference=((0, 1, 1e-4),))
     known.save(tmp_path / "sheet.toml")
     again = calibration.load(tmp_path / "sheet.toml")
     assert again.to_toml() == known.to_toml()

@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from dermis import plan as planning
 from dermis.array.array import column_currents
 from dermis.decode import calibration, identify
 from dermis.decode.calibration import Calibration
 from dermis.decode.decoder import Decoder
 from dermis.errors import InputError
 from dermis.report import calibrate, verdict
-from dermis.scene import scene
 from dermis.skin import Skin
 from tb.programs.decode import session
 
@@ -31,26 +29,13 @@ TRUE = {"r_row_driven_ohm": 4.0, "r_column_ohm": 1.5, "g_lateral_row_s": 5e-4}
 
 
 @cache
-def skin(memory: bool = False, trace_ohm: float = 0.0) -> Skin:
+def skin(memory: bool = False, trace_ohm: float = 0.0, offset_v: float = 0.0) -> Skin:
     effects = EFFECTS | ({"sensor_hysteresis": True, "sensor_creep": True} if memory else {})
     if trace_ohm:
         effects["trace"] = {"r_row_ohm": trace_ohm, "r_column_ohm": trace_ohm}
-    data = {
-        "array": {"rows": SIZE, "cols": SIZE},
-        "stimulus": {"kind": "uniform", "force_n": [0.0]},
-        "effects": effects,
-    }
-    return Skin(planning.make(scene.from_data(data, Path("made.toml")), "closed"))
-
-
-def test_currents() -> tuple[np.ndarray, np.ndarray]:
-    true = Calibration.of_plan(skin().plan)
-    current = np.linspace(0, 230, 9) * true.step_a.mean()
-    codes = np.clip(np.floor(current[:, None, None] / true.step_a + true.start_code + 0.5), 0, 255)
-    return current, codes
-
-
-test_currents.__test__ = False  # type: ignore[attr-defined]
+    if offset_v:
+        effects["column_offset"] = {"v_v": [offset_v, -offset_v] * (SIZE // 2)}
+    return Skin(array={"rows": SIZE, "cols": SIZE}, effects=effects)
 
 
 @cache
@@ -61,9 +46,8 @@ def loads(trace_ohm: float = 0.0) -> tuple[identify.Load, ...]:
         h, w = rng.integers(3, 8, 2)
         r, c = rng.integers(0, SIZE - h + 1), rng.integers(0, SIZE - w + 1)
         force[r : r + h, c : c + w] = rng.choice([2.0, 5.0, 8.0, 12.0])
-        made.append(
-            identify.Load(f"weight {n}", skin(trace_ohm=trace_ohm).read(force)[None].astype(int), force)
-        )
+        codes = skin(trace_ohm=trace_ohm).read(force)[None].astype(int)
+        made.append(identify.Load(f"weight {n}", codes, force))
     return tuple(made)
 
 
@@ -73,8 +57,11 @@ def blank() -> Calibration:
     return dataclasses.replace(true, network={}, factor=1.0, step_a=true.step_a.mean(), start_code=0.0)
 
 
+@cache
 def fitted() -> Calibration:
-    current, codes = test_currents()
+    true = Calibration.of_plan(skin().plan)
+    current = np.linspace(0, 230, 9) * true.step_a.mean()
+    codes = np.clip(np.floor(current[:, None, None] / true.step_a + true.start_code + 0.5), 0, 255)
     return identify.fit_chip(blank(), codes, current)
 
 
@@ -110,22 +97,15 @@ def test_loads_tell_the_network_the_taxels_and_the_law() -> None:
 
 
 def test_an_interval_holds_the_uncertainty_of_offset_voltages() -> None:
-    data = {
-        "array": {"rows": SIZE, "cols": SIZE},
-        "stimulus": {"kind": "uniform", "force_n": [0.0]},
-        "effects": EFFECTS | {"column_offset": {"v_v": [4e-4, -4e-4] * (SIZE // 2)}},
-    }
-    sheet = Skin(planning.make(scene.from_data(data, Path("made.toml")), "closed"))
+    sheet = skin(offset_v=4e-4)
     true = Calibration.of_plan(sheet.plan)
     known = dataclasses.replace(true, network=dict(true.network) | {"v_column_offset_v": 0.0})
     # Independent offsets of 0.2 mV: those of the sheet are at two standard uncertainties.
     unsure = dataclasses.replace(known, offset_v2=np.array([[4e-8], [0.0], [0.0]]))
     force = np.random.default_rng(9).uniform(1, 12, (20, SIZE, SIZE))
     codes = sheet.read(force)
-    inside = []
-    for one in (known, unsure):
-        found = Decoder(one, 2e-3).decode(codes)
-        inside.append(((found.low_n <= force) & (force <= found.high_n)).mean())
+    both = [Decoder(one, 2e-3).decode(codes) for one in (known, unsure)]
+    inside = [((found.low_n <= force) & (force <= found.high_n)).mean() for found in both]
     assert inside[0] < 0.5
     assert inside[1] == 1
 
@@ -183,9 +163,8 @@ def test_a_taxel_with_another_law_gets_its_own(tmp_path: Path) -> None:
         assert fit.own[place].coefficients[0, 1] == pytest.approx(1 / 0.8, rel=0.03)
         pressed = (slice(None), *place)
         used = force[pressed] > 0
-        error = [
-            np.abs(f.force_n[pressed][used] / force[pressed][used] - 1).max() for f in (with_own, shared)
-        ]
+        ratios = (f.force_n[pressed][used] / force[pressed][used] for f in (with_own, shared))
+        error = [np.abs(ratio - 1).max() for ratio in ratios]
         # Half a code of 50 and the fit; a factor alone is off by 12^0.2 from end to end.
         assert error[0] < 0.03 < 0.1 < error[1]
 
@@ -227,9 +206,8 @@ def test_one_cycle_tells_hysteresis_and_creep() -> None:
     made = skin(memory=True)
     made.reset()
     force = cycle(500, 0)
-    known = dataclasses.replace(
-        Calibration.of_plan(made.plan), memory=calibration.MemoryLaw(np.empty(0), np.empty(0))
-    )
+    none = calibration.MemoryLaw(np.empty(0), np.empty(0))
+    known = dataclasses.replace(Calibration.of_plan(made.plan), memory=none)
     found, values = identify.fit_memory(known, made.read(force), force, 2e-3)
     # Half a code of 170 at the turn of the loop is 0.003 of it; creep is fitted from the same readings.
     assert values["hysteresis"][0] == pytest.approx(0.1, abs=0.003)
@@ -277,9 +255,8 @@ def test_the_command_writes_a_calibration_and_sees_a_drift(tmp_path: Path) -> No
     assert made.reference[0][:2] == (0, 1)
     drifted = dataclasses.replace(made, step_a=made.step_a * np.where(np.arange(SIZE) == 5, 1.05, 1.0))
     drifted.save(tmp_path / "old.toml")
-    status, said = run(
-        str(path), "--out", str(tmp_path / "sheet.toml"), "--check", str(tmp_path / "old.toml")
-    )
+    checked = "--check", str(tmp_path / "old.toml")
+    status, said = run(str(path), "--out", str(tmp_path / "sheet.toml"), *checked)
     assert status == 1
     assert "gain_drift.column_5" in said
     assert "column_4" not in said

@@ -32,9 +32,7 @@ def sheet(force: np.ndarray) -> np.ndarray:
     return 1.0 / sensor.age(law, ohm, DT, state, 10e-3, lambda name: pytest.fail(name))[:, 0]
 
 
-def undone(
-    g: np.ndarray, half: float = 0.0, stream: memory.SheetMemory | None = None
-) -> tuple[np.ndarray, ...]:
+def undone(g: np.ndarray, half: float = 0.0, stream: memory.SheetMemory | None = None) -> np.ndarray:
     """Forces low, estimated and high, of readings known to +-half siemens."""
     stream = stream or memory.SheetMemory(LAW, g.shape[1])
     out = []
@@ -42,7 +40,7 @@ def undone(
         ends = np.maximum(frame - half, 0), frame.copy(), frame + half
         stream.undo(*ends, DT)
         out.append(ends)
-    return tuple(7500.0 * part for part in np.array(out).transpose(1, 0, 2))
+    return 7500.0 * np.array(out).transpose(1, 0, 2)
 
 
 def test_the_stream_puts_in_what_the_scene_puts_in() -> None:
@@ -109,10 +107,8 @@ def test_a_saved_stream_goes_on_as_if_nothing_had_happened(tmp_path: Path) -> No
 def test_a_state_of_another_sheet_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "state.npz"
     memory.SheetMemory(LAW, 3).save(path)
-    for stranger in (
-        memory.SheetMemory(LAW, 4),
-        memory.SheetMemory(memory.MemoryLaw.of_effects(0.2, 0.05, 0.01), 3),
-    ):
+    other_law = memory.MemoryLaw.of_effects(0.2, 0.05, 0.01)
+    for stranger in (memory.SheetMemory(LAW, 4), memory.SheetMemory(other_law, 3)):
         with pytest.raises(InputError, match="same sheet"):
             stranger.load(path)
     path.write_bytes(b"no state")

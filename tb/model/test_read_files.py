@@ -52,21 +52,10 @@ def counted(factor: float, start: float = 0) -> list[str]:
     return [f"{start + factor * n:.12g}" for n in range(len(FRAMES))]
 
 
-@pytest.mark.parametrize(
-    "unit", ["s", "sec", "secs", "seconds", "ms", "msec", "milliseconds", "us", "micros", "ns", "nanosec"]
-)
+@pytest.mark.parametrize("unit", "s sec secs seconds ms msec milliseconds us micros ns nanosec".split())
 def test_units_of_time_are_known(unit: str) -> None:
     wanted = {"s": "s", "m": "ms", "u": "us", "n": "ns"}["u" if unit == "micros" else unit[0]]
     assert recording_text.time_unit_of(f"time_{unit}") == wanted
-
-
-def test_seconds_and_nanoseconds_make_one_time(load) -> None:
-    ns = [1_700_000_000_900_000_000 + 20_000_000 * n for n in range(20)]
-    pair = {"stamp.sec": [str(t // 10**9) for t in ns], "stamp.nanosec": [str(t % 10**9) for t in ns]}
-    for found in (load(table(pair), **SIZE), load(table(pair, names=[]), **SIZE)):
-        assert (found.values == FRAMES).all()
-        # Rounding of whole nanoseconds.
-        assert found.time_s == pytest.approx(0.02 * np.arange(20), abs=1e-12)
 
 
 def test_stamps_that_are_missing_or_equal_are_reported(load) -> None:
@@ -76,15 +65,6 @@ def test_stamps_that_are_missing_or_equal_are_reported(load) -> None:
     assert found.time_s[5] == pytest.approx(0.1)
     assert "1 of 20 times are missing, the first of frame 5" in load.said
     assert "the first of frame 8" in load.said
-
-
-def test_dotted_dates_stand_beside_decimal_commas(load) -> None:
-    lines = [f"25.04.2023 10:49:00,{20 * n:03d};" + ";".join(f"{v:g}".replace(".", ",") for v in frame.ravel())
-             for n, frame in enumerate(FRAMES)]  # fmt: skip
-    found = load("\n".join(lines), **SIZE)
-    assert (found.values == FRAMES).all()
-    # A double holds the seconds since 1970 to 2.4e-7.
-    assert found.time_s == pytest.approx(0.02 * np.arange(20), abs=2.4e-7)
 
 
 def test_a_header_of_numbers_is_no_frame(load) -> None:
@@ -120,31 +100,6 @@ def test_names_that_do_not_explain_all_end_in_a_question(load, names: list[str],
         load(table({}, names=names), **RATE)
 
 
-@pytest.mark.parametrize("part", ["", "# frame {}", "Frame {}"])
-@pytest.mark.parametrize("options", [{}, SIZE])
-def test_lost_rows_are_reported_with_their_frame_and_later_ones_stay(load, part: str, options: dict) -> None:
-    lines: list[str] = []
-    for n, frame in enumerate(FRAMES):
-        lines.append(part.format(n))
-        lines += [
-            ",".join(f"{v:g}" for v in row) for r, row in enumerate(frame) if (n, r) not in ((7, 3), (8, 0))
-        ]
-    found = load("\n".join(lines), **RATE, **options)
-    right = [n for n in range(20) if n not in (7, 8)]
-    assert (found.values[right] == FRAMES[right]).all()
-    assert np.isnan(found.values[7:9]).all()
-    assert "frame 7 has 3 of 4" in load.said
-
-
-def test_lost_labels_are_lost_frames(load) -> None:
-    lines: list[str] = []
-    for n in (*range(5), *range(8, 20)):
-        lines += [f"# frame {n}", *(",".join(f"{v:g}" for v in row) for row in FRAMES[n])]
-    found = load("\n".join(lines), **RATE)
-    assert found.time_s[5] == pytest.approx(8 / 50)
-    assert "3 frames lost, the first after frame 4" in load.said
-
-
 def test_a_file_of_its_own_is_read_back(load) -> None:
     text = output.csv_of(FRAMES, ".6g", 0.02 * np.arange(20))
     found = load(text)
@@ -164,10 +119,8 @@ def test_a_file_of_its_own_is_read_back(load) -> None:
     [
         (np.moveaxis(FRAMES, 0, 2), SIZE),
         (FRAMES.reshape(20, 24), SIZE),
-        (FRAMES.reshape(20, 24).T, SIZE),
         (np.moveaxis(FRAMES, 0, 2), {"axes": ("rows", "cols", "frames")}),
         (FRAMES.transpose(0, 2, 1), {"axes": ("frames", "cols", "rows")}),
-        (np.stack([FRAMES, 0 * FRAMES], axis=1), {"axes": ("frames", 0, "rows", "cols")}),
         (np.stack([0 * FRAMES, FRAMES]).reshape(2, 20, 24), {"axes": (1, "frames", "taxels"), **SIZE}),
     ],
 )
@@ -192,28 +145,16 @@ def test_the_times_of_an_npz_are_found(load, tmp_path: Path) -> None:
         assert found.time_s == pytest.approx(0.02 * np.arange(20))
 
 
-@pytest.mark.parametrize("coding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32", "utf-8-sig", "latin-1"])
+@pytest.mark.parametrize("coding", ["utf-16-le", "utf-16-be", "utf-32", "utf-8-sig"])
 def test_codings(load, coding: str) -> None:
-    text = (
-        table({"time [\u00b5s]": counted(20_000)})
-        if coding != "latin-1"
-        else table({"time [ms]": counted(20)}, names=[f"p{k} \u00b0" for k in range(24)])
-    )
-    assert (load(text.encode(coding), **SIZE).values == FRAMES).all()
+    assert (load(table({"time [\u00b5s]": counted(20_000)}).encode(coding), **SIZE).values == FRAMES).all()
 
 
-@pytest.mark.parametrize("cell", ["nan", "", "-", "null", "N/A"])
-def test_a_missing_cell_is_missing_alone(load, cell: str) -> None:
-    lines = table({"time": counted(0.02)}).splitlines()
-    cells = lines[4].split(",")
-    cells[6] = cell
-    lines[4] = ",".join(cells)
-    found = load("\n".join(lines), **SIZE)
-    assert np.argwhere(np.isnan(found.values)).tolist() == [[3, 0, 5]]
-    assert np.nansum(found.values) == pytest.approx(FRAMES.sum() - FRAMES[3, 0, 5])
-    assert load("\n".join(lines), **SIZE, gaps="hold").values[3, 0, 5] == FRAMES[2, 0, 5]
+def test_a_missing_cell_is_held_or_refused(load) -> None:
+    lines = table({"time": counted(0.02)}).replace(f"{FRAMES[3, 0, 5]:g}", "N/A", 1)
+    assert load(lines, **SIZE, gaps="hold").values[3, 0, 5] == FRAMES[2, 0, 5]
     with pytest.raises(InputError, match="frame 3, row 0, column 5"):
-        load("\n".join(lines), **SIZE, gaps="refuse")
+        load(lines, **SIZE, gaps="refuse")
 
 
 def test_no_drawn_file_is_read_wrongly_without_a_warning(tmp_path: Path) -> None:
@@ -223,21 +164,8 @@ def test_no_drawn_file_is_read_wrongly_without_a_warning(tmp_path: Path) -> None
 
 def test_damaged_files_end_in_one_line(tmp_path: Path) -> None:
     draw = random.Random(3)
-    pieces = (
-        b"",
-        b"Frame 3\n",
-        b"# x\n",
-        b"\n\n",
-        b'"',
-        b"[",
-        b"]",
-        b",",
-        b"time,",
-        b"\0",
-        b"9" * 400,
-        b"12:00:00",
-        b"MVP",
-    )
+    pieces = [b"", b"Frame 3\n", b"# x\n", b"\n\n", b'"', b"[", b"]", b",", b"time,", b"\0"]
+    pieces += [b"9" * 400, b"12:00:00", b"MVP"]
     layouts = (Layout(), Layout(4, 6, **RATE), Layout(part=1), Layout(skip=1, **RATE), Layout(time_key="0"))
     said: list[str] = []
     for _ in range(150):

@@ -41,8 +41,8 @@ def test_a_reader_that_errs_is_noticed(monkeypatch: pytest.MonkeyPatch, module, 
     [
         ("a.mcap", b"no bag"),
         ("a.db3", b"SQLite format 3\0"),
-        ("a.parquet", b"PAR1 no more"),
-        ("a.csv.gz", b"\x1f\x8b\x08 cut"),
+        ("a.parquet", b"PAR1 no"),
+        ("a.csv.gz", b"\x1f\x8b\x08"),
     ],
 )
 def test_damaged_files_end_in_one_line(tmp_path: Path, file: str, content: bytes) -> None:

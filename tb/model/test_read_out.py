@@ -50,14 +50,8 @@ def test_any_wrong_bit_is_refused() -> None:
 
 
 OTHERS = {
-    "number": 3,
-    "gate_clocks": 509,
-    "slots": (0, 2),
-    "test": True,
-    "pedestal_mode": 1,
-    "dark": True,
-    "fault": True,
-}
+    "number": 3, "gate_clocks": 509, "slots": (0, 2), "test": True, "pedestal_mode": 1, "dark": True, "fault": True,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("field", OTHERS)

@@ -82,7 +82,7 @@ def test_arrays_of_the_caller_are_filled() -> None:
     out = np.empty(forces.shape, codes.dtype)
     assert skin.read(forces, out=out) is out
     assert (out == codes).all()
-    places = Forces(*(np.full(forces.shape, np.nan) for _ in range(3)), np.empty(forces.shape, np.uint8))
+    places = Forces.empty(forces.shape)
     assert skin.decode(codes, out=places) is places
     assert np.array_equal(places.force_n, skin.decode(codes).force_n)
 
@@ -109,8 +109,7 @@ def test_frames_allocate_nothing() -> None:
     skin, force, codes = world("worn on ideal columns")
     forces = np.ascontiguousarray(np.resize(force, (1000, *force.shape[1:])))
     out = np.empty(forces.shape, codes.dtype)
-    places = Forces(*(np.empty(forces.shape) for _ in range(3)), np.empty(forces.shape, np.uint8))
-    single = Forces(*(np.empty(force.shape[1:]) for _ in range(3)), np.empty(force.shape[1:], np.uint8))
+    places, single = Forces.empty(forces.shape), Forces.empty(force.shape[1:])
 
     def calls() -> None:
         for n in range(1000):

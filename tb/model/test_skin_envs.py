@@ -61,9 +61,8 @@ def test_decoding_is_that_of_one_sheet_after_another() -> None:
     for e in range(ENVS):
         one.reset()
         alone = one.decode(codes[:, e], 0.01)
-        assert all(
-            np.array_equal(getattr(alone, n), getattr(found, n)[:, e]) for n in ("force_n", "low_n", "high_n")
-        )
+        for name in ("force_n", "low_n", "high_n"):
+            assert np.array_equal(getattr(alone, name), getattr(found, name)[:, e])
     many.reset(np.array([False, True, False]))
     assert np.array_equal(many.decode(codes[0], 0.01).high_n[1], found.high_n[0, 1])
     # The spread of the sheets is not known one by one: it is in the intervals.
@@ -100,10 +99,8 @@ def test_dead_and_stuck_taxels_are_drawn_at_a_reset() -> None:
 def test_a_skin_is_made_of_tables_and_keywords() -> None:
     force = touches(3, 16, 16)
     effects = {"row_driver": {"r_ohm": np.float64(5.0)}}
-    by_scene = Skin("single_touch", effects=effects).read(force)
-    assert np.array_equal(
-        by_scene, dermis.simulate("single_touch", force_n=force, effects=effects, engine="closed").codes
-    )
+    result = dermis.simulate("single_touch", force_n=force, effects=effects, engine="closed")
+    assert np.array_equal(Skin("single_touch", effects=effects).read(force), result.codes)
     assert np.array_equal(Skin({"effects": effects}).read(force), Skin(effects=effects).read(force))
 
 
@@ -162,7 +159,6 @@ def test_the_short_state_of_a_sheet_follows_the_sum_over_rates(frames: int, load
     for frame, dt_s in zip(g, dt, strict=True):
         reference, mine = stream.apply(frame, dt_s), frame.copy()
         apply_sheet(mine, sheets.arrays(), sheets.law, 1, dt_s)
-        worst = max(
-            worst, float(np.abs(mine / np.where(reference > 0, reference, 1) - (reference > 0)).max())
-        )
+        off = mine / np.where(reference > 0, reference, 1) - (reference > 0)
+        worst = max(worst, float(np.abs(off).max()))
     assert worst < error

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from dermis.errors import InputError
 from dermis.files import text_of, write_atomic
 from dermis.machine_code import argument
 from dermis.records import Plan, setting_of
+from dermis.scene.front_end import FrontEnd
 from dermis.scene.sensor import SensorState, spread_factor
 
 Floats = NDArray[np.float64]
@@ -40,15 +41,7 @@ OVERLOAD = 4.0
 UNSEEN_DECADES = 0.05
 """Creep in decades that loads below half a code cause unseen, as they come and go in some tens of milliseconds."""
 
-_PER_COLUMN = (
-    "step_a",
-    "start_code",
-    "inv_i_range_a",
-    "step_part",
-    "start_sigma_code",
-    "zero_code",
-    "full_code",
-)
+_PER_COLUMN = "step_a start_code inv_i_range_a step_part start_sigma_code zero_code full_code".split()
 _NETWORK = CARRIED | CORRECTED
 
 
@@ -56,12 +49,7 @@ _NETWORK = CARRIED | CORRECTED
 class Mode:
     """A joint error of one standard uncertainty: resistances, and the factors that fit the loads with them.
 
-    Attributes
-    ----------
-    network : dict
-        Fields of array.Network that differ, with their values.
-    factor_part : ndarray
-        [rows, cols] relative change of the factors.
+    `network` has the fields of array.Network that differ; `factor_part` [rows, cols] is the relative change of factors.
     """
 
     network: dict[str, Any]
@@ -75,51 +63,28 @@ class Calibration:
     A code c is the column current step_a (c - start_code), before compression by inv_i_range_a. A conductance over
     `factor` is that of `curve`; `memory` lies between the two.
 
-    Attributes
-    ----------
-    rows, cols, code_max : int
-    v_bias_v : float
-        In volt.
-    step_a, start_code, inv_i_range_a : ndarray
-        [cols] ampere a code, the code of no current, 1/A.
-    network : dict
-        Fields of array.Network other than taxels and bias.
-    curve : Curve
-        Law of all taxels.
-    own : dict
-        Laws of taxels that have their own, by (row, column); of the same kind.
-    factor : ndarray
-        [rows, cols] relative conductance of each taxel, temperature included.
-    memory : MemoryLaw
-    reference : tuple
-        (row, column, conductance in siemens) of taxels of constant force; what they read tells the temperature.
-    g_max_s : float
-        Largest conductance of a taxel in siemens, as a bound for saturated ones.
-    noise_code : float
-        Standard deviation of a reading in codes.
-    zero_code : ndarray
-        [cols] code of a column without current: a start above the level counts at once. A negative current may read
-        this or less.
-    full_code : ndarray
-        [cols] code of a column at full scale, where every second clock takes a packet: a late start makes it less
-        than code_max, the default. A larger current may read no more than that.
-    step_part, start_sigma_code : ndarray
-        [cols] standard uncertainty of step_a, relative, and of start_code.
-    factor_part : ndarray
-        [rows, cols] standard uncertainty of factor, relative.
-    law_part : float
-        Standard uncertainty of the force by the curve, relative.
-    uncorrected_part : float
-        Bound of a relative error of conductance that is not corrected.
-    modes : tuple of Mode
-        Uncertainty of the network: independent errors.
-    offset_v2 : ndarray
-        [3, cols] covariance of the columns' offset voltages in V^2, given the resistances: of each with itself, with
-        the next column and with the one after.
-    falling : bool
-        The codes that come from the board fall with current: `rising` turns them round.
-    divider : bool
-        r_column_ohm is a divider's resistor, which sets step_a as well; no fit changes it.
+    v_bias_v : in volt.
+    step_a, start_code, inv_i_range_a : [cols] ampere a code, the code of no current, 1/A.
+    network : fields of array.Network other than taxels and bias.
+    curve : law of all taxels.
+    own : laws of taxels that have their own, by (row, column); of the same kind.
+    factor : [rows, cols] relative conductance of each taxel, temperature included.
+    reference : (row, column, conductance in siemens) of taxels of constant force; what they read tells the temperature.
+    g_max_s : largest conductance of a taxel in siemens, as a bound for saturated ones.
+    noise_code : standard deviation of a reading in codes.
+    zero_code : [cols] code of a column without current: a start above the level counts at once. A negative current may
+        read this or less.
+    full_code : [cols] code of a column at full scale, where every second clock takes a packet: a late start makes it
+        less than code_max, the default. A larger current may read no more than that.
+    step_part, start_sigma_code : [cols] standard uncertainty of step_a, relative, and of start_code.
+    factor_part : [rows, cols] standard uncertainty of factor, relative.
+    law_part : standard uncertainty of the force by the curve, relative.
+    uncorrected_part : bound of a relative error of conductance that is not corrected.
+    modes : uncertainty of the network: independent errors.
+    offset_v2 : [3, cols] covariance of the columns' offset voltages in V^2, given the resistances: of each with itself,
+        with the next column and with the one after.
+    falling : the codes that come from the board fall with current: `rising` turns them round.
+    divider : r_column_ohm is a divider's resistor, which sets step_a as well; no fit changes it.
     """
 
     rows: int
@@ -153,14 +118,12 @@ class Calibration:
     def __post_init__(self) -> None:
         if self.full_code is None:
             object.__setattr__(self, "full_code", float(self.code_max))
-        for name in (*_PER_COLUMN, "factor", "factor_part"):
-            shape = (self.cols,) if name in _PER_COLUMN else (self.rows, self.cols)
-            array = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), shape).copy()
-            object.__setattr__(self, name, array)
-        object.__setattr__(self, "offset_v2", np.broadcast_to(self.offset_v2, (3, self.cols)).astype(float))
+        shapes = dict.fromkeys(_PER_COLUMN, (self.cols,)) | {"offset_v2": (3, self.cols)}
+        shapes |= dict.fromkeys(("factor", "factor_part"), (self.rows, self.cols))
         # What compiled loops take as it is: an index outside, or a shape of another sheet, would read foreign memory.
-        for name in (*_PER_COLUMN, "factor", "factor_part", "offset_v2"):
-            argument(getattr(self, name), name, getattr(self, name).shape)
+        for name, shape in shapes.items():
+            array = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), shape).copy()
+            object.__setattr__(self, name, argument(array, name, shape))
         for name in ("v_bias_v", "g_max_s", "noise_code", "law_part", "uncorrected_part"):
             argument(getattr(self, name), name, ())
         for mode in self.modes:
@@ -177,33 +140,13 @@ class Calibration:
         setting = setting_of(plan.scene)
         state = SensorState(**effects.gather(plan.scene.effects, setting).sensor)
         factor = sheet_factor(state, (plan.rows, plan.cols), setting.rng)
-        creep_start_s = plan.scene.design.sensor.creep_start_s
-        read_out: dict[str, Any]
-        if (board := plan.front_end) is not None:
-            read_out = {
-                "code_max": board.full_scale,
-                "zero_code": board.zero_count,
-                "full_code": board.full_count,
-                "step_a": board.step_a,
-                "start_code": board.start_count,
-                "inv_i_range_a": 0.0,
-                "g_max_s": OVERLOAD * board.g_max_s,
-                "falling": board.falling,
-                "divider": board.divider,
-            }
-        else:
-            read_out = _of_chip(plan)
-        return cls(
-            rows=plan.rows,
-            cols=plan.cols,
-            v_bias_v=plan.v_bias_v,
-            **read_out,
-            network=dict(plan.surrounding),
-            curve=of_sensor(plan.sensor),
-            factor=factor,
-            memory=MemoryLaw.of_effects(state.hysteresis, state.creep_per_decade, creep_start_s),
-            uncorrected_part=UNSEEN_DECADES * state.creep_per_decade,
-        )
+        start_s = plan.scene.design.sensor.creep_start_s
+        memory = MemoryLaw.of_effects(state.hysteresis, state.creep_per_decade, start_s)
+        sheet = {"curve": of_sensor(plan.sensor), "factor": factor, "memory": memory}
+        sheet |= {"network": dict(plan.surrounding)}
+        sheet |= {"uncorrected_part": UNSEEN_DECADES * state.creep_per_decade}
+        read_out = _of_chip(plan) if plan.front_end is None else _of_board(plan.front_end)
+        return cls(rows=plan.rows, cols=plan.cols, v_bias_v=plan.v_bias_v, **read_out, **sheet)
 
     def rising(self, codes: NDArray) -> NDArray:
         """Return codes that rise with current, for those of the board, or the reverse."""
@@ -263,24 +206,18 @@ class Calibration:
     def to_toml(self) -> str:
         """Return the calibration as text; `load` reads the same one."""
         data: dict[str, Any] = {"format": FORMAT, "notes": list(self.notes)}
-        data["array"] = {"rows": self.rows, "cols": self.cols, "g_max_s": float(self.g_max_s)}
-        chip = {"code_max": self.code_max, "v_bias_v": float(self.v_bias_v), "noise_code": self.noise_code}
-        data["chip"] = chip | {"falling": self.falling, "divider": self.divider}
-        data["chip"] |= {name: getattr(self, name).tolist() for name in _PER_COLUMN}
+        data["array"] = _values(self, "rows cols g_max_s")
+        data["chip"] = _values(self, "code_max v_bias_v noise_code falling divider", *_PER_COLUMN)
         data["network"] = _plain(self.network)
-        sheet = {"kind": self.curve.kind, "logarithmic": bool(self.curve.logarithmic)}
-        sheet |= {"g_open_s": float(self.curve.g_open_s), "force_on_n": float(self.curve.force_on_n)}
-        sheet |= {"law_part": float(self.law_part), "uncorrected_part": float(self.uncorrected_part)}
-        arrays = {"knots": self.curve.knots, "coefficients": self.curve.coefficients}
-        arrays |= {"factor": self.factor, "factor_part": self.factor_part}
-        data["sheet"] = sheet | {name: array.tolist() for name, array in arrays.items()}
+        data["sheet"] = _values(self.curve, "kind logarithmic g_open_s force_on_n")
+        data["sheet"] |= _values(self, "law_part uncorrected_part") | _values(
+            self.curve, "knots coefficients"
+        )
+        data["sheet"] |= _values(self, "factor factor_part")
         data["own_law"] = [
-            {"row": r, "col": c, "knots": law.knots.tolist(), "coefficients": law.coefficients.tolist()}
-            for (r, c), law in self.own.items()
+            {"row": r, "col": c, **_values(law, "knots coefficients")} for (r, c), law in self.own.items()
         ]
-        data["memory"] = {
-            f.name: np.asarray(getattr(self.memory, f.name), dtype=float).tolist() for f in fields(MemoryLaw)
-        }
+        data["memory"] = _values(self.memory, "radius weight creep_per_decade creep_start_s")
         data["uncertainty"] = {"offset_v2": self.offset_v2.tolist()}
         data["mode"] = [
             {"network": _plain(mode.network), "factor_part": mode.factor_part.tolist()} for mode in self.modes
@@ -291,6 +228,13 @@ class Calibration:
     def save(self, path: Path) -> None:
         """Write the calibration whole or not at all."""
         write_atomic(path, self.to_toml())
+
+
+def _of_board(board: FrontEnd) -> dict[str, Any]:
+    """Return the fields of a calibration that say how a board turns currents into counts."""
+    codes = {"code_max": board.full_scale, "zero_code": board.zero_count, "full_code": board.full_count}
+    codes |= {"step_a": board.step_a, "start_code": board.start_count, "inv_i_range_a": 0.0}
+    return codes | {"g_max_s": OVERLOAD * board.g_max_s, "falling": board.falling, "divider": board.divider}
 
 
 def _of_chip(plan: Plan) -> dict[str, Any]:
@@ -304,10 +248,11 @@ def _of_chip(plan: Plan) -> dict[str, Any]:
         "packet": packet,
         "threshold": c.v_comp_offset_v / packet_v,
     }
+    none, full = (code(part * packet, gate, code_max, **level).astype(float) for part in (0.0, 0.5))
     return {
         "code_max": code_max,
-        "zero_code": code(0.0 * packet, gate, code_max, **level).astype(float),
-        "full_code": code(packet / 2, gate, code_max, **level).astype(float),
+        "zero_code": none,
+        "full_code": full,
         "step_a": step_a,
         "start_code": 0.5 - start / packet + gate * c.i_offset_a / (c.i0_a * packet),
         "inv_i_range_a": c.inv_i_range_a,
@@ -325,18 +270,17 @@ def sheet_factor(
     return factor
 
 
+def _values(of: Any, *names: str) -> dict[str, Any]:
+    """Return attributes by name, arrays as lists."""
+    return {name: np.asarray(getattr(of, name)).tolist() for name in " ".join(names).split()}
+
+
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
     return {name: np.asarray(value, dtype=float).tolist() for name, value in values.items()}
 
 
 def load(path: Path | str) -> Calibration:
-    """Read a calibration.
-
-    Raises
-    ------
-    InputError
-        No such file, no TOML, a missing key or a value of the wrong kind or size.
-    """
+    """Read a calibration; InputError for no such file, no TOML, a missing key or a value of a wrong kind or size."""
     path = Path(path)
     try:
         data = tomllib.loads(text_of(path, "a calibration that `dermis calibrate` wrote"))
@@ -351,42 +295,30 @@ def load(path: Path | str) -> Calibration:
     array, chip, sheet, memory = (_Table(path, n, data.get(n)) for n in ("array", "chip", "sheet", "memory"))
     rows, cols, code_max = array.whole("rows"), array.whole("cols"), chip.whole("code_max")
     taxels, radius = (rows, cols), memory.numbers("radius", None)
+    weight = memory.numbers("weight", radius.shape)
     # The first versions had no codes of none and of full scale, and no uncertainty of offsets.
     first = {"zero_code": [0.0] * cols, "full_code": [code_max] * cols, "falling": False, "divider": False}
     chip = _Table(path, "chip", first | chip.data)
-    offsets = _Table(
-        path, "uncertainty", data.get("uncertainty", {"offset_v2": np.zeros((3, cols)).tolist()})
-    )
-    curve = Curve(
-        kind=sheet.value("kind", str),
-        logarithmic=sheet.value("logarithmic", bool),
-        g_open_s=sheet.number("g_open_s"),
-        force_on_n=sheet.number("force_on_n"),
-        **sheet.pieces(),
-    )
+    known = {"offset_v2": np.zeros((3, cols)).tolist()}
+    offsets = _Table(path, "uncertainty", data.get("uncertainty", known))
+    kind, logarithmic = sheet.value("kind", str), sheet.value("logarithmic", bool)
+    curve = Curve(kind, logarithmic, **sheet.floats("g_open_s force_on_n"), **sheet.pieces())
     if curve.kind not in KINDS:
         raise InputError(path, "sheet.kind", curve.kind, "one of " + ", ".join(KINDS))
     made = Calibration(
         rows=rows,
         cols=cols,
         code_max=code_max,
-        v_bias_v=chip.number("v_bias_v"),
+        **chip.floats("v_bias_v noise_code"),
         network=_Table(path, "network", data.get("network", {})).network(cols),
         curve=curve,
         factor=sheet.numbers("factor", taxels, positive=True),
-        memory=MemoryLaw(
-            radius,
-            memory.numbers("weight", (radius.size,)),
-            memory.number("creep_per_decade"),
-            memory.number("creep_start_s"),
-        ),
+        memory=MemoryLaw(radius, weight, **memory.floats("creep_per_decade creep_start_s")),
         g_max_s=array.number("g_max_s"),
         own={one.place(rows, cols): replace(curve, **one.pieces()) for one in each("own_law")},
         reference=tuple((*t.place(rows, cols), t.number("conductance_s")) for t in each("reference")),
-        noise_code=chip.number("noise_code"),
         factor_part=sheet.numbers("factor_part", taxels),
-        law_part=sheet.number("law_part"),
-        uncorrected_part=sheet.number("uncorrected_part"),
+        **sheet.floats("law_part uncorrected_part"),
         modes=tuple(
             Mode(t.inner("network").network(cols), t.numbers("factor_part", taxels)) for t in each("mode")
         ),
@@ -437,10 +369,8 @@ class _Table:
     def network(self, cols: int) -> dict[str, Any]:
         if unknown := self.data.keys() - _NETWORK:
             raise self._wrong(min(unknown), "a key", "one of " + ", ".join(sorted(_NETWORK)))
-        return {
-            name: self.numbers(name, (), (cols,), finite=name != "r_row_grounded_ohm")[()]
-            for name in self.data
-        }
+        free = "r_row_grounded_ohm"  # inf: rows that are not driven are open
+        return {name: self.numbers(name, (), (cols,), finite=name != free)[()] for name in self.data}
 
     def pieces(self) -> dict[str, Floats]:
         knots = self.numbers("knots", None)
@@ -448,6 +378,9 @@ class _Table:
 
     def number(self, key: str) -> float:
         return float(self.numbers(key, ()))
+
+    def floats(self, names: str) -> dict[str, float]:
+        return {name: self.number(name) for name in names.split()}
 
     def numbers(self, key: str, *shapes: Any, finite: bool = True, positive: bool = False) -> Floats:
         """Return an array of one of some shapes; None is any length."""

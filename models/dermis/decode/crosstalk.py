@@ -43,39 +43,31 @@ STALE = 3
 class Solved:
     """Conductances of an array, and how good they are.
 
-    Attributes
-    ----------
-    conductance_s : ndarray
-        [frames, rows, cols] in siemens; inf for a short: above `SHORT_S`, or where the driver of
-        the row cannot deliver the current that was read.
-    error_s : ndarray
-        [frames] proven bound of the sum of all errors in siemens, inf where the proof does not apply
+    conductance_s : [frames, rows, cols] in siemens; inf for a short: above `SHORT_S`, or where the driver of the row
+        cannot deliver the current that was read.
+    error_s : [frames] proven bound of the sum of all errors in siemens, inf where the proof does not apply
         (docs/decode_proofs.md).
-    residual : ndarray
-        [frames] largest change of a last sweep, relative to the largest conductance of the frame. With trace
+    residual : [frames] largest change of a last sweep, relative to the largest conductance of the frame. With trace
         resistance, the largest current that the solution misses, relative to the largest current.
-    converged : ndarray of bool
-        [frames] the stop test was met.
-    sweeps : ndarray of int
-        [frames] sweeps over the array.
-    current_a : ndarray
-        [frames, rows, cols] those that were given, or found where a reading is clipped, in ampere.
+    converged : [frames] the stop test was met.
+    current_a : [frames, rows, cols] those that were given, or found where a reading is clipped, in ampere.
     """
 
     conductance_s: Floats
     error_s: Floats
     residual: Floats
     converged: NDArray[np.bool_]
-    sweeps: NDArray[np.int64]
     current_a: Floats
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def known_voltages(current, r_column, v_offset, i_leak, g_lateral, u, taken):
+def known_voltages(current, network, u, taken):
     """Fill in the column voltages `u` and the current `taken` out of the taxels of each column, [rows, cols].
 
-    Both follow from the measured currents alone: the input of a column carries what was read.
+    Both follow from the measured currents alone: the input of a column carries what was read. `network` is that of
+    `arguments`.
     """
+    _, _, _, r_column, v_offset, i_leak, g_lateral = network
     rows, cols = current.shape
     for r in range(rows):
         for c in range(cols):
@@ -90,26 +82,15 @@ def known_voltages(current, r_column, v_offset, i_leak, g_lateral, u, taken):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def sweep(g, out, total, u, taken, v_bias, r_driven, g_ground, through):
+def sweep(g, out, total, u, taken, network, through, current, most):
     """Make one sweep from conductances `g` [rows, cols] into `out`, which may be `g` itself (Gauss-Seidel).
 
-    `total` [rows] holds the row sums of `g`, `through` [cols] is scratch. Returns the largest change, the sum of
-    all changes and the largest conductance.
+    `total` [rows] holds the row sums of `g`, `through` [cols] is scratch. `most` [rows, cols] is the largest current of
+    a clipped reading (code 0) and inf for any other; it is empty where there are none. A clipped taxel is open, and its
+    entry of `current` becomes what the others leave for it, `most` at the highest; `u` and `taken` follow. Returns the
+    largest change, the sum of all changes and the largest conductance.
     """
-    nothing = np.empty((0, 0))
-    return _sweep(
-        g, out, total, u, taken, v_bias, r_driven, g_ground, through, nothing, nothing, nothing[0:0, 0], 0.0
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _sweep(g, out, total, u, taken, v_bias, r_driven, g_ground, through, current, most, r_column, g_lateral):
-    """Make one sweep as `sweep` does, with clipped readings.
-
-    `most` [rows, cols] is the largest current of a clipped reading (code 0) and inf for any other; it is empty where
-    there are none. A clipped taxel is open, and its entry of `current` becomes what the others leave for it, `most` at
-    the highest; `u` and `taken` follow.
-    """
+    v_bias, r_driven, g_ground, r_column, _, _, g_lateral = network
     rows, cols = g.shape
     largest, change, change_sum, adjusted = 0.0, 0.0, 0.0, 0.0
     for r in range(rows):
@@ -156,16 +137,14 @@ def _sweep(g, out, total, u, taken, v_bias, r_driven, g_ground, through, current
             largest = max(largest, found)
         if out is g:
             total[r] = row_total
-    return (
-        max(change, adjusted / (v_bias * max(largest, 1e-300)) if adjusted > 0.0 else 0.0),
-        change_sum,
-        largest,
-    )
+    change = max(change, adjusted / (v_bias * max(largest, 1e-300)) if adjusted > 0.0 else 0.0)
+    return change, change_sum, largest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def contraction(g, total, u, taken, v_bias, r_driven, g_ground, through, radius):
+def contraction(g, total, u, taken, network, through, radius):
     """Return a bound of the contraction factor of a sweep within `radius` siemens (1-norm) of `g`; inf without one."""
+    v_bias, r_driven, g_ground, _, _, _, _ = network
     rows, cols = g.shape
     worst = 0.0
     for r in range(rows):
@@ -196,33 +175,27 @@ def contraction(g, total, u, taken, v_bias, r_driven, g_ground, through, radius)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def solve_frame(
-    current, most, v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral, g, work, through
-):
+def solve_frame(current, most, network, g, work, through):
     """Solve one frame without trace resistance: currents [rows, cols] in ampere into `g` [rows, cols] in siemens.
 
-    Where `most` is finite the reading is clipped: `current` becomes that of an open taxel, `most` at the highest.
-    `most` is empty where no reading is clipped. `work` [3, rows, cols + 1] and `through` [cols] are scratch. Returns
-    the number of sweeps, negative where the stop test was not met.
+    `current` and `most` are those of `sweep`. `work` [3, rows, cols + 1] and `through` [cols] are scratch. Returns True
+    if the stop test was met.
     """
     rows, cols = current.shape
     u, taken, total = work[0, :, :cols], work[1, :, :cols], work[2, :, cols]
-    known_voltages(current, r_column, v_offset, i_leak, g_lateral, u, taken)
+    known_voltages(current, network, u, taken)
     for r in range(rows):
         for c in range(cols):
-            g[r, c] = max(current[r, c], 0.0) / v_bias
+            g[r, c] = max(current[r, c], 0.0) / network[0]
             if most.size and most[r, c] < np.inf:
                 g[r, c] = 0.0
-    return converge(
-        g, total, u, taken, v_bias, r_driven, g_ground, through, current, most, r_column, g_lateral, TOLERANCE
-    )
+    return converge(g, total, u, taken, network, through, current, most, TOLERANCE)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def converge(
-    g, total, u, taken, v_bias, r_driven, g_ground, through, current, most, r_column, g_lateral, tolerance
-):
+def converge(g, total, u, taken, network, through, current, most, tolerance):
     """Make sweeps from `g` until no conductance changes by more than `tolerance`; return as `solve_frame`."""
+    v_bias, g_ground = network[0], network[2]
     rows, cols = g.shape
     for r in range(rows):
         total[r] = 0.0
@@ -235,18 +208,16 @@ def converge(
             lifted += u[r, c] / v_bias
         heavy = heavy or lifted > HEAVY
     if heavy and g_ground == 0.0:
-        return -1  # open rows float with the columns: `_newton` has to do it
+        return False  # open rows float with the columns: `_newton` has to do it
     out = np.empty_like(g) if heavy else g
     stop = max(tolerance, HEAVY_TOLERANCE) if heavy else tolerance
-    for n in range(SWEEPS):
-        change, _, _ = _sweep(
-            g, out, total, u, taken, v_bias, r_driven, g_ground, through, current, most, r_column, g_lateral
-        )
+    for _ in range(SWEEPS):
+        change = sweep(g, out, total, u, taken, network, through, current, most)[0]
         if change <= stop and not (heavy and not np.isfinite(out.sum())):
-            return n + 1
+            return True
         if heavy:
             _lift(g, out, u, v_bias, total)
-    return -SWEEPS
+    return False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -272,32 +243,14 @@ def _lift(g, out, u, v_bias, total):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve_frames(
-    currents,
-    most,
-    v_bias,
-    r_driven,
-    g_ground,
-    r_column,
-    v_offset,
-    i_leak,
-    g_lateral,
-    out,
-    error,
-    residual,
-    sweeps,
-):
+def _solve_frames(currents, most, network, out, error, residual, converged):
     frames, rows, cols = currents.shape
-    work, through = np.empty((3, rows, cols + 1)), np.empty(cols)
+    work, through, nothing = np.empty((3, rows, cols + 1)), np.empty(cols), np.empty((0, 0))
+    u, taken, total, again = work[0, :, :cols], work[1, :, :cols], work[2, :, cols], work[2, :, :cols]
     for n in range(frames):
         g = out[n]
-        sweeps[n] = solve_frame(
-            currents[n], most[n] if most.size else most[0:0, 0],
-            v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral, g, work, through,
-        )  # fmt: skip
-        u, taken, total = work[0, :, :cols], work[1, :, :cols], work[2, :, cols]
-        again = work[2, :, :cols]
-        _, moved, largest = sweep(g, again, total, u, taken, v_bias, r_driven, g_ground, through)
+        converged[n] = solve_frame(currents[n], most[n] if most.size else nothing, network, g, work, through)
+        _, moved, largest = sweep(g, again, total, u, taken, network, through, currents[n], nothing)
         # Rounding of a sweep: no conductance is known better than its last digits.
         moved += 4.0 * (rows + cols) * 1.1e-16 * total.sum()
         residual[n] = 0.0
@@ -305,10 +258,10 @@ def _solve_frames(
             for c in range(cols):
                 residual[n] = max(residual[n], abs(again[r, c] - g[r, c]) / max(largest, 1e-300))
         error[n] = np.inf
-        factor = contraction(g, total, u, taken, v_bias, r_driven, g_ground, through, 0.0)
+        factor = contraction(g, total, u, taken, network, through, 0.0)
         if factor < 1.0:
             radius = moved / (1.0 - factor)
-            if contraction(g, total, u, taken, v_bias, r_driven, g_ground, through, radius) < 1.0:
+            if contraction(g, total, u, taken, network, through, radius) < 1.0:
                 error[n] = radius
         for r in range(rows):
             for c in range(cols):
@@ -321,31 +274,18 @@ def solve(
 ) -> Solved:
     """Solve for the taxels of a network whose column currents are known.
 
-    Parameters
-    ----------
-    network : Network
-        What surrounds the taxels; its own conductances are not used.
-    currents_a : array_like
-        [frames, rows, cols] in ampere, as `array.column_currents` defines them.
-    most_a : ndarray, optional
-        [frames, rows, cols] largest current in ampere where a reading is clipped (code 0), inf elsewhere. A clipped
+    network : what surrounds the taxels; its own conductances are not used.
+    currents_a : [frames, rows, cols] in ampere, as `array.column_currents` defines them.
+    most_a : [frames, rows, cols] largest current in ampere where a reading is clipped (code 0), inf elsewhere. Such a
         taxel is open: its current is what the others leave for it, `most_a` at the highest.
-    slow : bool
-        Solve frames whose sweeps did not converge by Newton's method, some 0.1 s each: for columns with dividers.
+    slow : solve frames whose sweeps did not converge by Newton's method, some 0.1 s each: for columns with dividers.
 
-    Notes
-    -----
     A column's input carries the current that was read, so every column voltage is known in every row slot; only the
     rows' voltages depend on the taxels. A sweep takes the taxels of the other rows as they were found last, takes
     what they carry off the current of each column, and gets the driven row's voltage and taxels in closed form. It is
     exact at once where the columns are ideal; docs/decode_proofs.md proves when it contracts. Trace resistance is a
     defect correction around it: the currents that the whole network would make of the solution are compared with those
-    read.
-
-    Raises
-    ------
-    ValueError
-        The wrong shape, or currents that are not finite.
+    read. ValueError for a wrong shape, or currents that are not finite.
     """
     currents = np.array(currents_a, dtype=float, order="C")
     if currents.ndim != 3 or currents.shape[1:] != network.g_taxel_s.shape:
@@ -364,7 +304,6 @@ def solve(
     size = np.maximum(np.abs(currents).max(axis=(1, 2), initial=0.0), 1e-300)
     seen = currents.copy()
     found = _lumped(around, seen, most, slow)
-    sweeps = found.sweeps.copy()
     open_frames, stale = np.arange(len(currents)), np.zeros(len(currents), dtype=int)
     conductance, residual = found.conductance_s.copy(), np.full(len(currents), np.inf)
     tried = conductance.copy()
@@ -394,9 +333,8 @@ def solve(
         seen[open_frames] = asked + missed
         found = _lumped(around, seen[open_frames], most[open_frames] if most.size else most, slow)
         tried[open_frames] = found.conductance_s
-        sweeps[open_frames] += np.abs(found.sweeps)
     # A millionth of what a count resolves (1 / 510), with 1000 times the rounding of the solve left.
-    return Solved(conductance, np.full(len(currents), np.inf), residual, residual < 1e-9, sweeps, currents)
+    return Solved(conductance, np.full(len(currents), np.inf), residual, residual < 1e-9, currents)
 
 
 CORRECTED = frozenset({"r_trace_row_ohm", "r_trace_column_ohm", "r_return_ohm"})
@@ -412,7 +350,10 @@ def lumped(network: Network) -> bool:
 
 
 def arguments(network: Network) -> tuple:
-    """Return the arguments of `solve_frame` between the currents and `g`."""
+    """Return what the compiled solves take of a network, in volt, ohm, siemens and ampere.
+
+    These are v_bias, r_driven, g_ground, r_column, v_offset, i_leak and g_lateral, the sum of laterals over the rows.
+    """
     with np.errstate(divide="ignore"):
         g_ground = min(float(np.divide(1.0, network.r_row_grounded_ohm)), 1e60)
     g_lateral = network.rows * network.g_lateral_row_s
@@ -422,32 +363,27 @@ def arguments(network: Network) -> tuple:
 
 def _lumped(network: Network, currents: Floats, most: Floats, slow: bool) -> Solved:
     """Solve a network whose fields `arguments` carries; `currents` is changed where `most` is finite."""
-    frames = len(currents)
-    out, error, residual = np.empty_like(currents), np.empty(frames), np.empty(frames)
-    sweeps = np.empty(frames, dtype=np.int64)
-    _solve_frames(currents, most, *arguments(network), out, error, residual, sweeps)
+    out, (error, residual) = np.empty_like(currents), np.empty((2, len(currents)))
+    converged = np.empty(len(currents), dtype=np.bool_)
+    _solve_frames(currents, most, arguments(network), out, error, residual, converged)
     # The matrix of a sheet of 64 x 64 has 130 MB.
-    for n in np.flatnonzero((sweeps < 0) & slow & (network.rows * network.cols <= 4096)):
+    for n in np.flatnonzero(~converged & slow & (network.rows * network.cols <= 4096)):
         found, off = _newton(network, currents[n], most[n] if most.size else np.full(out.shape[1:], np.inf))
         if off < HEAVY_TOLERANCE:
-            out[n], error[n], residual[n], sweeps[n] = found, np.inf, off, SWEEPS
-    return Solved(out, error, residual, sweeps > 0, np.abs(sweeps), currents)
+            out[n], error[n], residual[n], converged[n] = found, np.inf, off, True
+    return Solved(out, error, residual, converged, currents)
 
 
 def _newton(network: Network, currents: Floats, most: Floats) -> tuple[Floats, float]:
     """Solve one frame [rows, cols] by Newton's method, with all taxels in one matrix; slow, for what sweeps do not do.
 
-    The equations are those of a sweep. A clipped taxel, and one whose equation asks for less than 0, is open.
-
-    Returns
-    -------
-    ndarray, float
-        Conductances in siemens, and the largest current that they miss, relative to the largest of the frame.
+    The equations are those of a sweep. A clipped taxel, and one whose equation asks for less than 0, is open. Returns
+    conductances in siemens, and the largest current that they miss, relative to the largest of the frame.
     """
-    v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral = arguments(network)
+    v_bias, r_driven, g_ground, *_ = around = arguments(network)
     rows, cols = currents.shape
     u, taken = np.empty((2, rows, cols))
-    known_voltages(currents, r_column, v_offset, i_leak, g_lateral, u, taken)
+    known_voltages(currents, around, u, taken)
     g = np.where(most < np.inf, 0.0, np.maximum(currents, 0.0) / np.maximum(v_bias - u, LEAST_V))
     best, least = g, np.inf
     row, col = np.arange(rows), np.arange(cols)

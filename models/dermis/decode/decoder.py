@@ -20,7 +20,7 @@ from dermis.array.array import Network
 from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
 from dermis.decode.law import force_of
-from dermis.decode.memory import SheetMemory, undo_frame
+from dermis.decode.memory import SheetMemory, undo_frame, writable
 from dermis.scene.sensor_loops import advance_creep
 
 Floats = NDArray[np.float64]
@@ -49,10 +49,41 @@ class Forces:
     high_n: Floats
     flags: NDArray[np.uint8]
 
+    @classmethod
+    def empty(cls, shape: tuple[int, ...]) -> Forces:
+        """Return arrays to fill, of a shape."""
+        return cls(*np.empty((3, *shape)), np.empty(shape, np.uint8))
+
+    def writable(self, shape: tuple[int, ...]) -> list[NDArray]:
+        """Return the four arrays; ValueError unless a compiled loop may write results of this shape into them."""
+        kinds = (float, float, float, np.uint8)
+        return [
+            check_out(a, shape, k, f"out.{n}") for (n, a), k in zip(vars(self).items(), kinds, strict=True)
+        ]
+
+
+class Threaded:
+    """Base of objects that threads share: a copy or a pickle has a lock and values of each thread of its own."""
+
+    def __init__(self) -> None:
+        self._lock, self._local = threading.Lock(), threading.local()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name not in ("_local", "_lock")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        Threaded.__init__(self)
+
+    def __copy__(self) -> Threaded:
+        return copy.deepcopy(self)
+
 
 _compiled = njit(cache=True, nogil=True, error_model="numpy")
 
-_KNOWN = (
+# Values of a calibration as the compiled loops take them, in the units of `Calibration`.
+_Known = namedtuple(
+    "_Known",
     # Columns: codes of none and of the largest current, ampere a code, code of no current, errors of both.
     "zero_code full_code step start inv_range step_part start_sigma offset_v2 "
     # Half the width of a code, and of a taxel the largest conductance and that of full scale.
@@ -62,14 +93,8 @@ _KNOWN = (
     # Taxels: number of the law [rows, cols], all laws, factor with its error, errors of all, constant taxels.
     "which logarithmic knots coefficients g_open force_on factor factor_part law_part uncorrected reference "
     # Hysteresis and creep.
-    "radius weight per_decade"
+    "radius weight per_decade",
 )
-
-
-class _Known(namedtuple("_Known", _KNOWN)):
-    """Values of a calibration as the compiled loops take them, in the units of `Calibration`."""
-
-    __slots__ = ()
 
 
 @_compiled
@@ -254,11 +279,9 @@ def _mode_variance(k, modes, solved_off, n, g, current, ceiling, u, taken, total
             # A part of 1e-4 of the difference that counts: it is some per cent of the conductance.
             moved = current.copy()
             _copy(other, g)
-            crosstalk.known_voltages(moved, column[m], offset[m], leak[m], lateral[m], u, taken)
-            crosstalk.converge(
-                other, total, u, taken, k.v_bias, driven[m], ground[m], through, moved, ceiling, column[m],
-                lateral[m], 1e-6,
-            )  # fmt: skip
+            network = k.v_bias, driven[m], ground[m], column[m], offset[m], leak[m], lateral[m]
+            crosstalk.known_voltages(moved, network, u, taken)
+            crosstalk.converge(other, total, u, taken, network, through, moved, ceiling, 1e-6)
         for r in range(rows):
             for c in range(cols):
                 spread[r, c] += (other[r, c] / (1.0 + factors[m, r, c]) - g[r, c]) ** 2
@@ -355,6 +378,7 @@ def _decode_frames(k, codes, dt_s, modes, solved, solved_off, memory, results):
     scratch = np.empty((3, rows, cols + 1))
     u, taken, total = scratch[0, :, :cols], scratch[1, :, :cols], scratch[2, :, cols]
     full_row, full_column = np.empty(rows, np.bool_), np.empty(cols, np.bool_)
+    network = k.v_bias, k.r_driven, k.g_ground, k.r_column, k.v_offset, k.i_leak, k.g_lateral
     for n in range(frames):
         force, low, high, flags = results[0][n], results[1][n], results[2][n], results[3][n]
         currents_of(k, codes[n], current, e_down, e_up, ceiling)
@@ -362,14 +386,11 @@ def _decode_frames(k, codes, dt_s, modes, solved, solved_off, memory, results):
             _copy(g, solved[n, 0])
             _copy(current, solved[n, 1])
             good = not np.isnan(g[0, 0])
-            crosstalk.known_voltages(current, k.r_column, k.v_offset, k.i_leak, k.g_lateral, u, taken)
+            crosstalk.known_voltages(current, network, u, taken)
             for r in range(rows):
                 total[r] = g[r].sum()
         else:
-            good = 0 < crosstalk.solve_frame(
-                current, ceiling, k.v_bias, k.r_driven, k.g_ground, k.r_column, k.v_offset, k.i_leak, k.g_lateral,
-                g, scratch, through,
-            )  # fmt: skip
+            good = crosstalk.solve_frame(current, ceiling, network, g, scratch, through)
         hidden = _mark_full(k, codes[n], g, full_row, full_column)
         _widen(k, current, ceiling, g, e_down, e_up, offset_a)
         _spread(k, g, e_down, e_up, u, total, full_row, hidden, down, up, through, doubt)
@@ -417,8 +438,7 @@ def times(t_frame_s: ArrayLike, frames: int, sheets: int = 0) -> Floats:
 
 def check_out(out: object, shape: tuple[int, ...], kind: DTypeLike, name: str) -> NDArray:
     """Return `out`; ValueError unless a compiled loop may write an array of this shape and type into it."""
-    fits = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == kind
-    if not (fits and out.flags.c_contiguous and out.flags.writeable):
+    if not writable(out, shape, kind):
         wanted = f"a writable, contiguous {np.dtype(kind)} array of shape {list(shape)}"
         got = f"{out.dtype} {list(out.shape)}" if isinstance(out, np.ndarray) else type(out).__name__
         raise ValueError(f"{name} must be {wanted}, not {got}")
@@ -439,7 +459,7 @@ def _stacked(cal: Calibration) -> tuple:
     return which, cal.curve.logarithmic, knots, coefficients, cal.curve.g_open_s, cal.curve.force_on_n
 
 
-class Decoder:
+class Decoder(Threaded):
     """Codes of one sheet to newtons.
 
     Without hysteresis and creep a decoder has no state and may be called from several threads at once. With them it
@@ -453,6 +473,7 @@ class Decoder:
     """
 
     def __init__(self, calibration: Calibration, t_frame_s: float) -> None:
+        super().__init__()
         machine_code.announce()
         self.calibration = cal = calibration
         self.t_frame_s = float(t_frame_s)
@@ -464,11 +485,7 @@ class Decoder:
         self._known = _Known(
             *(cal.zero_code, cal.full_code, cal.step_a, cal.start_code, cal.inv_i_range_a),
             *(cal.step_part, cal.start_sigma_code, cal.offset_v2),
-            *(
-                cal.half_width_code(),
-                float(cal.g_max_s),
-                cal.g_full_s(),
-            ),
+            *(cal.half_width_code(), float(cal.g_max_s), cal.g_full_s()),
             *(v_bias_v, r_driven_ohm, *others, float(r_driven_ohm + row_end), others[1] + column_end),
             *(float(network.r_return_ohm), bool(row_end > 0 or column_end > 0)),
             *(*_stacked(cal), cal.factor, cal.factor_part, float(cal.law_part), float(cal.uncorrected_part)),
@@ -480,7 +497,6 @@ class Decoder:
             tuple(np.array(column, dtype=float) for column in zip(*places, strict=True)),
             np.array([mode.factor_part for mode in cal.modes]).reshape(-1, cal.rows, cal.cols),
         )
-        self._lock = threading.Lock()
         self.reset()
 
     def reset(self) -> None:
@@ -491,16 +507,6 @@ class Decoder:
         """Return the state of a stream before its first frame."""
         cal = self.calibration
         return SheetMemory(cal.memory, cal.rows * cal.cols, cal.curve.g_open_s)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name != "_lock"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._lock = threading.Lock()
-
-    def __copy__(self) -> Decoder:
-        return copy.deepcopy(self)
 
     def decode(
         self, codes: ArrayLike, t_frame_s: float | ArrayLike | None = None, out: Forces | None = None
@@ -530,34 +536,24 @@ class Decoder:
             raise ValueError(f"codes must be 0..{cal.code_max}")
         frames = cal.rising(codes).reshape(-1, cal.rows, cal.cols)
         dt_s = times(self.t_frame_s if t_frame_s is None else t_frame_s, len(frames))
-        if out is None:
-            out = Forces(*(np.empty(codes.shape) for _ in range(3)), np.empty(codes.shape, np.uint8))
-        for name in ("force_n", "low_n", "high_n", "flags"):
-            check_out(getattr(out, name), codes.shape, np.uint8 if name == "flags" else float, f"out.{name}")
-        results = tuple(a.reshape(frames.shape) for a in (out.force_n, out.low_n, out.high_n, out.flags))
+        out = Forces.empty(codes.shape) if out is None else out
+        results = tuple(array.reshape(frames.shape) for array in out.writable(codes.shape))
+        solved, solved_off = np.empty((0, 2, cal.rows, cal.cols)), np.empty((0, 0, 2, cal.rows, cal.cols))
         with self._lock if cal.memory.active else contextlib.nullcontext():
-            self._run(frames, dt_s, results)
+            if not self._lumped:
+                solved = self.conductances(frames, self._network)
+                if self._off:
+                    solved_off = np.array([self.conductances(frames, network) for network in self._off])
+            state = self.memory.arrays()
+            _decode_frames(self._known, frames, dt_s, self._modes, solved, solved_off, state, results)
+            self.memory.passed(len(frames))
         return out
-
-    def _run(self, frames: NDArray, dt_s: Floats, results: tuple) -> None:
-        shape = self.calibration.rows, self.calibration.cols
-        solved, solved_off = np.empty((0, 2, *shape)), np.empty((0, 0, 2, *shape))
-        if not self._lumped:
-            solved = self.conductances(frames, self._network)
-            if self._off:
-                solved_off = np.array([self.conductances(frames, network) for network in self._off])
-        state = self.memory.arrays()
-        _decode_frames(self._known, frames, dt_s, self._modes, solved, solved_off, state, results)
-        self.memory.passed(len(frames))
 
     def conductances(self, codes: NDArray, network: Network) -> Floats:
         """Solve codes [frames, rows, cols] by `crosstalk.solve`.
 
-        Returns
-        -------
-        ndarray
-            [frames, 2, rows, cols]: conductances in siemens, NaN where the solution did not converge; and currents
-            in ampere.
+        Returns [frames, 2, rows, cols]: conductances in siemens, NaN in a frame that did not converge, and currents in
+        ampere.
         """
         if codes.ndim != 3 or codes.shape[1:] != (self.calibration.rows, self.calibration.cols):
             raise ValueError(f"codes must be [frames, {self.calibration.rows}, {self.calibration.cols}]")

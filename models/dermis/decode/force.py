@@ -18,21 +18,14 @@ Floats = NDArray[np.float64]
 class Decoded:
     """Codes as an ideal read-out understands them; every array is shaped as the codes, [..., rows, cols].
 
-    Attributes
-    ----------
-    x : ndarray
-        Duty c / N, the middle of what reads as this code.
-    resistance_ohm, force_n : ndarray
-        At x; code 0 decodes to inf and 0. The force is inf where the law is so flat that no force makes
-        the resistance.
-    force_low_n, force_high_n : ndarray
-        Ends of the forces that read as this code ideally: x from (c - 1/2) / N, included, to (c + 1/2) / N,
-        excluded. The highest code has no upper end (inf).
-    d_force_n, d_resistance_ohm : ndarray
-        Force between the two ends (inf where the upper end is), and the slope R / c of the resistance per code,
-        R^2 / (N V_b / (k i0)) (inf at code 0).
-    zero, saturated : ndarray of bool
-        No pulse at all; full scale or anything above it.
+    x : duty c / N, the middle of what reads as this code.
+    resistance_ohm, force_n : at x; code 0 decodes to inf and 0. The force is inf where the law is so flat that no force
+        makes the resistance.
+    force_low_n, force_high_n : ends of the forces that read as this code ideally: x from (c - 1/2) / N, included, to (c
+        + 1/2) / N, excluded. The highest code has no upper end (inf).
+    d_force_n, d_resistance_ohm : force between the two ends (inf where the upper end is), and the slope R / c of the
+        resistance per code, R^2 / (N V_b / (k i0)) (inf at code 0).
+    zero, saturated : no pulse at all; full scale or anything above it.
     """
 
     x: Floats
@@ -107,19 +100,10 @@ def currents_of_counts(plan: Plan, counts: ArrayLike) -> Floats:
 
 
 def taxels_alone(plan: Plan, x: Floats) -> Floats:
-    """Duties that taxels of the duties x would have between ideal drivers and inputs.
+    """Duties that taxels of the duties x [..., rows, cols], in packets a clock, would have between ideal lines.
 
-    Parameters
-    ----------
-    plan : Plan
-        Its network, offsets and leaks are taken out; see `crosstalk.solve`.
-    x : ndarray
-        [..., rows, cols] packets a clock.
-
-    Returns
-    -------
-    ndarray
-        As x; inf for a short, NaN in a frame whose solution did not converge.
+    Network, offsets and leaks of the plan are taken out; see `crosstalk.solve`. inf for a short, NaN in a frame whose
+    solution did not converge.
     """
     network = plan.network(0)
     if not network.active_fields():

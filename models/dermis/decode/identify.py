@@ -22,12 +22,9 @@ from dermis.decode.memory import MemoryLaw, SheetMemory
 Floats = NDArray[np.float64]
 
 NETWORK_START = {
-    "r_row_driven_ohm": 1.0,
-    "r_column_ohm": 0.5,
-    "g_lateral_row_s": 1e-4,
-    "r_trace_row_ohm": 0.05,
+    "r_row_driven_ohm": 1.0, "r_column_ohm": 0.5, "g_lateral_row_s": 1e-4, "r_trace_row_ohm": 0.05,
     "r_trace_column_ohm": 0.05,
-}
+}  # fmt: skip
 """Parameters of the network that loads can identify, and the start of the search."""
 OFFSET_PRIOR_V = 5e-4
 """Standard deviation of the offset voltage of a column before loads are read; the design allows 0.2 mV."""
@@ -41,6 +38,8 @@ RIDGE = 1e-9
 """Of the scaled normal equations: no parameter counts as more than 3e4 times less certain than it is alone."""
 OWN_SHARE = 1e-3
 """Chance that a taxel with the shared law is given its own: the level of the F test."""
+TAXELS = 16
+"""The most loaded ones tell hysteresis and creep."""
 LEAST_CODE = 10
 """Readings below are not used for a fit: half a code is more than 5 % of them."""
 FORCES = 64
@@ -71,24 +70,12 @@ class Load:
 def fit_chip(calibration: Calibration, codes: ArrayLike, current_a: ArrayLike) -> Calibration:
     """Fit the step and the start of every column to test currents.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        Its other fields are kept.
-    codes : array_like
-        [currents, readings, cols].
-    current_a : array_like
-        [currents] in ampere, the same into every column; 0 is a dark frame. Two different ones that read between 0 and
-        full scale are needed.
-
-    Raises
-    ------
-    ContradictionError
-        Fewer currents than that for a column, or a code that falls with current.
+    `codes` are [currents, readings, cols]; `current_a` [currents] in ampere flow into every column, and 0 is a dark
+    frame. Each column needs two different currents that read between 0 and full scale; else, or if its codes fall with
+    current, ContradictionError. The other fields of the calibration are kept.
     """
     codes, current = np.asarray(codes, dtype=float), np.asarray(current_a, dtype=float)
-    step, start = np.empty(calibration.cols), np.empty(calibration.cols)
-    step_part, start_sigma = np.empty(calibration.cols), np.empty(calibration.cols)
+    step, start, step_part, start_sigma = np.empty((4, calibration.cols))
     for c in range(calibration.cols):
         mean = codes[:, :, c].mean(axis=1)
         # A mean near an end may hide what the counter cuts off.
@@ -102,14 +89,10 @@ def fit_chip(calibration: Calibration, codes: ArrayLike, current_a: ArrayLike) -
         # Rounding of a steady current does not average out: 1/sqrt(12) of a code for each.
         sigma = max(1 / np.sqrt(12), float(np.std(mean[used] - matrix @ [start[c], slope])))
         covariance = sigma**2 * np.linalg.inv(matrix.T @ matrix)
-        step[c], step_part[c], start_sigma[c] = (
-            1 / slope,
-            np.sqrt(covariance[1, 1]) / slope,
-            np.sqrt(covariance[0, 0]),
-        )
-    return dataclasses.replace(
-        calibration, step_a=step, start_code=start, step_part=step_part, start_sigma_code=start_sigma
-    )
+        step[c], step_part[c] = 1 / slope, np.sqrt(covariance[1, 1]) / slope
+        start_sigma[c] = np.sqrt(covariance[0, 0])
+    errors = {"step_part": step_part, "start_sigma_code": start_sigma}
+    return dataclasses.replace(calibration, step_a=step, start_code=start, **errors)
 
 
 def fit_noise(codes: ArrayLike) -> float:
@@ -150,12 +133,8 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     force, the same for all taxels, plus an effect of the taxel; the fit minimizes the residual over the resistances.
     It needs no law, and overlapping loads are enough: the same force on the same taxel must read the same whatever
     else is pressed. A load whose residual is far above the others is left out and named. A taxel with enough loads
-    gets its own law if that fits better (`_own_laws`).
-
-    Raises
-    ------
-    ContradictionError
-        Loads that contradict each other so much that no load can be blamed, or too few.
+    gets its own law if that fits better (`_own_laws`). ContradictionError if loads are too few, or contradict each
+    other so much that no load can be blamed.
     """
     if len(loads) < 3:
         raise ContradictionError(f"{len(loads)} loads; at least 3 are needed")
@@ -167,8 +146,8 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
         raise ContradictionError(
             f"loads contradict each other by {middle:.0%} of a reading; largest: {worst}"
         )
-    bad_taxels = _bad_taxels(calibration, [load for load in loads if load.name not in bad])
     good = [load for load in loads if load.name not in bad]
+    bad_taxels = _bad_taxels(calibration, good)
     own = fit.calibration.own if len(fit.calibration.own) < fit.calibration.factor.size / 2 else ()
     # Now that the wrong loads are out, neighbouring forces tell the droop of a load from its force.
     fit, _ = _fit_loads(calibration, good, kind, own, LEVELS)
@@ -188,9 +167,8 @@ def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, 
     codes = np.array([np.median(load.codes, axis=0) for load in loads])
     force = np.array([load.force_n for load in loads])
     pressed = force > 0
-    typical = np.array([np.median(c[p]) if p.any() else 0.0 for c, p in zip(codes, pressed, strict=True)])[
-        :, None, None
-    ]
+    typical = [np.median(c[p]) if p.any() else 0.0 for c, p in zip(codes, pressed, strict=True)]
+    typical = np.array(typical)[:, None, None]
     telling = pressed & (typical >= 2 * LEAST_CODE)
     dead = telling.any(axis=0) & ~(telling & (codes >= LEAST_CODE)).any(axis=0)
     full = calibration.full_code
@@ -267,13 +245,13 @@ def _fit_network(
         covariance = inverse / np.outer(length, length) * spread
         sigma = np.sqrt(np.diag(covariance))
         alone = np.sqrt(spread) / length
+        # Residuals are in codes: a parameter that moves no reading by 1/1000 code at its start value is not seen.
+        blind = np.linalg.norm(jac, axis=0) < 1e-3
         for k, name in enumerate(names):
-            # Residuals are in codes: a parameter that moves no reading by 1/1000 code at its start value is not seen.
-            blind = np.linalg.norm(jac[:, k]) < 1e-3
             start = NETWORK_START[name]
-            values[name] = ((x[k] - 1) * start, np.inf if blind else sigma[k] * start)
+            values[name] = ((x[k] - 1) * start, np.inf if blind[k] else sigma[k] * start)
             remarks.pop(name, None)
-            if blind:
+            if blind[k]:
                 remarks[name] = "no load shows it"
             elif sigma[k] > INFLATED * alone[k] and abs(x[k] - 1) < SHOWN * sigma[k]:
                 shared = np.abs(covariance[k]) / np.maximum(sigma * sigma[k], 1e-300)
@@ -291,12 +269,12 @@ def _fit_network(
     x, jac, spread = search(names, np.r_[[first[n] for n in names], offsets])
     size = len(names)
     # Blind parameters, as above, have no mode.
-    seen = np.linalg.norm(jac[:, :size], axis=0) >= 1e-3
-    jac[:, :size][:, ~seen] = 0.0
+    blind = np.linalg.norm(jac[:, :size], axis=0) < 1e-3
+    jac[:, :size][:, blind] = 0.0
     covariance = np.linalg.pinv(jac.T @ jac) * max(spread, 1.0)
     for k, name in enumerate(names):
         start = NETWORK_START[name]
-        values[name] = ((x[k] - 1) * start, float(np.sqrt(covariance[k, k])) * start if seen[k] else np.inf)
+        values[name] = ((x[k] - 1) * start, np.inf if blind[k] else float(np.sqrt(covariance[k, k])) * start)
     shared, mixed = covariance[:size, :size], covariance[size:, :size]
     variance, direction = np.linalg.eigh(shared)
     given = mixed @ np.linalg.pinv(shared)
@@ -311,8 +289,7 @@ def _fit_network(
     band = np.zeros((3, cols))
     for k in range(min(3, len(left))):
         band[k, : cols - k] = np.diag(left, k)
-    network = dataclasses.replace(known, **fields(names, x))
-    return _NetworkFit(network, values, remarks, modes, band)
+    return _NetworkFit(dataclasses.replace(known, **fields(names, x)), values, remarks, modes, band)
 
 
 def _fit_loads(
@@ -334,9 +311,8 @@ def _fit_loads(
     taxel = np.broadcast_to(np.arange(codes[0].size).reshape(codes[0].shape), codes.shape)[used]
     which = np.nonzero(used)[0]
     if used.sum() < 10:
-        raise ContradictionError(
-            f"{used.sum()} readings of known loads from code {LEAST_CODE} on; at least 10 are needed"
-        )
+        said = f"{used.sum()} readings of known loads from code {LEAST_CODE} on"
+        raise ContradictionError(f"{said}; at least 10 are needed")
     names, at = np.unique(taxel, return_inverse=True)
     log_force = np.log(force[used])
     effects = _hats(log_force, most)
@@ -354,8 +330,7 @@ def _fit_loads(
         r = weight * np.log(np.clip(g[used], 1e-9, crosstalk.SHORT_S))
         return r - basis @ (basis.T @ r)
 
-    freedom = int(used.sum()) - basis.shape[1]
-    fitted = _fit_network(calibration, currents, residual, freedom)
+    fitted = _fit_network(calibration, currents, residual, int(used.sum()) - basis.shape[1])
 
     def taxels(network: Network) -> tuple[Floats, Floats, Floats]:
         """Return conductances, effects of taxels and factors [rows x cols] with a network."""
@@ -399,12 +374,10 @@ def _fit_loads(
         loads[n].name: float(np.sqrt(np.mean(off[which == n] ** 2 + misfit[which == n] ** 2)))
         for n in np.unique(which)
     }
+    found = (*NETWORK_START, "r_row_grounded_ohm", "v_column_offset_v")
     made = dataclasses.replace(
         calibration,
-        network=dict(calibration.network)
-        | {
-            n: getattr(fitted.network, n) for n in (*NETWORK_START, "r_row_grounded_ohm", "v_column_offset_v")
-        },
+        network=calibration.network | {n: getattr(fitted.network, n) for n in found},
         modes=tuple(modes),
         offset_v2=fitted.offset_v2,
         factor=factor.reshape(codes[0].shape),
@@ -426,39 +399,33 @@ def _weight(calibration: Calibration, codes: Floats) -> Floats:
     return codes * np.sqrt(12) * np.maximum(1.0 - u, 1e-3)
 
 
-def _robust_law(kind: str, conductance_s: Floats, force_n: Floats, which: NDArray[np.integer]) -> law.Curve:
+def _robust_law(kind: str, g: Floats, force_n: Floats, which: NDArray[np.integer]) -> law.Curve:
     """Fit a law to readings of the loads `which`, without loads that the law of the others does not meet.
 
     A wrong force bends the law towards itself: the worst load is judged by a law that is fitted without it.
     """
     kept = np.ones(which.size, dtype=bool)
-    count = np.unique(which).size
+    loads = left = np.unique(which)
+
+    def misfits(curve: law.Curve) -> Floats:
+        """Return the relative rms difference between a law and the readings of each load that is left."""
+        off = (curve.force_n(g) / force_n - 1) ** 2
+        return np.array([np.sqrt(off[which == n].mean()) for n in left])
+
     while True:
-        curve = law.fit(kind, conductance_s[kept], force_n[kept])
+        curve = law.fit(kind, g[kept], force_n[kept])
         left = np.unique(which[kept])
-        if left.size <= (1 - SHARE_BAD) * count:
+        if left.size <= (1 - SHARE_BAD) * loads.size:
             return curve
-        worst = left[np.argmax(_misfits(curve, conductance_s, force_n, which, left))]
+        worst = left[np.argmax(misfits(curve))]
+        others = kept & (which != worst)
         try:
-            without = law.fit(kind, conductance_s[kept & (which != worst)], force_n[kept & (which != worst)])
+            off = misfits(law.fit(kind, g[others], force_n[others]))
         except law.LawError:  # the load is needed
             return curve
-        off = _misfits(without, conductance_s, force_n, which, left)
         if off[left == worst][0] <= BAD_LOAD * max(np.median(off), RESIDUAL_MIN):
             return curve
-        kept &= which != worst
-
-
-def _misfits(
-    curve: law.Curve,
-    conductance_s: Floats,
-    force_n: Floats,
-    which: NDArray[np.integer],
-    loads: NDArray[np.integer],
-) -> Floats:
-    """Return the relative rms difference between a law and the readings of each load."""
-    off = (curve.force_n(conductance_s) / force_n - 1) ** 2
-    return np.array([np.sqrt(off[which == n].mean()) for n in loads])
+        kept = others
 
 
 def _hats(log_force: Floats, most: int = 0) -> Floats:
@@ -483,12 +450,7 @@ def _turn_on(calibration: Calibration, codes: Floats, force_n: Floats) -> Calibr
 
 
 def _own_laws(
-    kind: str,
-    shared: law.Curve,
-    conductance_s: Floats,
-    force_n: Floats,
-    taxel: NDArray[np.integer],
-    among: Iterable[int],
+    kind: str, shared: law.Curve, conductance_s: Floats, force_n: Floats, taxel: NDArray, among: Iterable[int]
 ) -> dict[int, law.Curve]:
     """Return the laws of those taxels in `among`, by number, whose readings the shared law does not fit.
 
@@ -513,30 +475,15 @@ def _own_laws(
 
 
 def fit_memory(
-    calibration: Calibration, codes: ArrayLike, force_n: ArrayLike, t_frame_s: float, taxels: int = 16
+    calibration: Calibration, codes: ArrayLike, force_n: ArrayLike, t_frame_s: float
 ) -> tuple[Calibration, dict[str, tuple[float, float]]]:
     """Fit hysteresis and creep to a load cycle.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        With network, factors and curve; the level of the factors is fitted again.
-    codes, force_n : array_like
-        [frames, rows, cols], from rest; at least one rise and fall.
-    t_frame_s : float
-        Time from frame to frame.
-    taxels : int
-        The most loaded ones are used.
+    calibration : with network, factors and curve; the level of the factors is fitted again.
+    codes, force_n : [frames, rows, cols] from rest, `t_frame_s` seconds apart; at least one rise and fall.
 
-    Returns
-    -------
-    Calibration, dict
-        And values with standard uncertainties: width of the loop, share of it that plays, creep a decade.
-
-    Raises
-    ------
-    ContradictionError
-        No taxel is pressed from `LEAST_CODE` on, or the force never falls.
+    Returns the calibration, and values with standard uncertainties: width of the loop, share of it that plays, creep a
+    decade. ContradictionError if no taxel is pressed from `LEAST_CODE` on, or the force never falls.
     """
     codes, force = np.asarray(codes, dtype=float), np.asarray(force_n, dtype=float)
     currents = calibration.step_a * (codes - calibration.start_code)
@@ -544,7 +491,7 @@ def fit_memory(
     flat_codes, flat_force = codes.reshape(len(codes), -1), force.reshape(len(force), -1)
     peak = flat_codes.max(axis=0)
     # Those that saturate lose the top of the cycle, where creep shows; they come last.
-    chosen = np.argsort(np.where(peak < calibration.code_max, -peak, 0.0))[:taxels]
+    chosen = np.argsort(np.where(peak < calibration.code_max, -peak, 0.0))[:TAXELS]
     chosen = chosen[peak[chosen] >= LEAST_CODE]
     seen, g = flat_codes[:, chosen], g.reshape(len(codes), -1)[:, chosen]
     force = flat_force[:, chosen]
@@ -557,9 +504,8 @@ def fit_memory(
 
     def law_of(p: Floats) -> MemoryLaw:
         radius, play, creep = p
-        return MemoryLaw(
-            np.array([0.0, radius]), np.array([1 - play, play]), creep, calibration.memory.creep_start_s
-        )
+        start_s = calibration.memory.creep_start_s
+        return MemoryLaw(np.array([0.0, radius]), np.array([1 - play, play]), creep, start_s)
 
     laws = [calibration.law_of(*divmod(int(t), calibration.cols)) for t in chosen]
     by_law = np.stack([one.conductance_s(f) for one, f in zip(laws, force.T, strict=True)], axis=1)
@@ -578,10 +524,8 @@ def fit_memory(
         off = difference(p) * weight
         return off - basis @ (basis.T @ off)
 
-    start = np.array([0.03, 0.7, 0.02])
-    found = least_squares(
-        residual, start, bounds=([0, 0, 0], [0.3, 1, 0.5]), diff_step=1e-4, x_scale=[0.05, 1, 0.05]
-    )
+    start, most = np.array([0.03, 0.7, 0.02]), [0.3, 1, 0.5]
+    found = least_squares(residual, start, bounds=([0, 0, 0], most), diff_step=1e-4, x_scale=[0.05, 1, 0.05])
     spread = float(found.fun @ found.fun / max(found.fun.size - 3, 1))
     sigma = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * spread)
     radius, play, creep_per_decade = p = found.x
@@ -593,11 +537,9 @@ def fit_memory(
     # A loop of under 1/1000 of the force is below half a code at full scale, 1/510.
     if radius * play < 1e-3:
         memory = MemoryLaw(np.empty(0), np.empty(0), creep_per_decade, memory.creep_start_s)
+    loop_sigma = float(2 * (sigma[0] * play + sigma[1] * radius))
     values = {
-        "hysteresis": (
-            float(-np.expm1(-2 * radius * play)),
-            float(2 * (sigma[0] * play + sigma[1] * radius)),
-        ),
+        "hysteresis": (float(-np.expm1(-2 * radius * play)), loop_sigma),
         "hysteresis_share": (float(play), float(sigma[1])),
         "creep_per_decade": (float(creep_per_decade), float(sigma[2])),
     }
@@ -609,12 +551,12 @@ def fit_memory(
         ratio = ratio[used] / (g * ((1 + mode.factor_part) * calibration.factor).ravel()[chosen])[used]
         shift = np.exp(np.average(np.log(np.maximum(ratio, 1e-12)), weights=weight**2))
         modes.append(dataclasses.replace(mode, factor_part=(1 + mode.factor_part) * shift - 1))
+    uncertain = COVERAGE_SIGMA * float(np.hypot(loop_sigma / 2, sigma[2]))
     made = dataclasses.replace(
         _turn_on(calibration, seen, force),
         memory=memory,
         modes=tuple(modes),
         factor=calibration.factor * level,
-        uncorrected_part=UNSEEN_DECADES * creep_per_decade
-        + COVERAGE_SIGMA * float(np.hypot(values["hysteresis"][1] / 2, sigma[2])),
+        uncorrected_part=UNSEEN_DECADES * creep_per_decade + uncertain,
     )
     return made, values

@@ -33,20 +33,12 @@ ENOUGH = {"power": 6, "cubic": 9, "table": 2 * POINTS}
 class Curve:
     """Force over conductance as a piecewise cubic, in linear or in logarithmic coordinates.
 
-    Attributes
-    ----------
-    kind : str
-        "linear", "power", "cubic" or "table", for reports.
-    logarithmic : bool
-        Whether knots and values are natural logarithms.
-    knots : ndarray
-        [n] conductance in siemens, or its logarithm, rising. The ends continue.
-    coefficients : ndarray
-        [n, 4] of 1, t, t^2, t^3 with t the distance from the knot; force in newtons, or its logarithm.
-    g_open_s : float
-        At or below this conductance the force is 0.
-    force_on_n : float
-        Least force above g_open_s.
+    kind : "linear", "power", "cubic" or "table", for reports.
+    logarithmic : whether knots and values are natural logarithms.
+    knots : [n] conductance in siemens, or its logarithm, rising. The ends continue.
+    coefficients : [n, 4] of 1, t, t^2, t^3 with t the distance from the knot; force in newtons, or its logarithm.
+    g_open_s : at or below this conductance the force is 0.
+    force_on_n : least force above g_open_s.
     """
 
     kind: str
@@ -61,8 +53,7 @@ class Curve:
         if not knots.size or not (np.diff(knots) > 0).all():
             raise ValueError("knots must rise, and be at least one")
         object.__setattr__(self, "knots", knots)
-        coefficients = argument(self.coefficients, "coefficients", (knots.size, 4))
-        object.__setattr__(self, "coefficients", coefficients)
+        object.__setattr__(self, "coefficients", argument(self.coefficients, "coefficients", (knots.size, 4)))
 
     def arguments(self) -> tuple:
         """Return the arguments of `force_of` after the conductance."""
@@ -137,19 +128,10 @@ class LawError(ValueError):
 def fit(kind: str, conductance_s: ArrayLike, force_n: ArrayLike) -> Curve:
     """Fit a law to loads by least squares in force.
 
-    Parameters
-    ----------
-    kind : str
-        "linear" F = a G, "power" F = a G^n and "cubic" F = a G + b G^2 + c G^3 as compared by Brimacombe et al., J.
-        Biomech. Eng. 131 (2009) 034503; "table" puts a monotone spline (Fritsch and Carlson) through means of up to
-        `POINTS` groups of loads, in logarithms.
-    conductance_s, force_n : array_like
-        Loads, any order, the same length; those at 0 do not count.
-
-    Raises
-    ------
-    LawError
-        Too few loads, or a fit whose force falls with conductance.
+    `kind` is "linear" F = a G, "power" F = a G^n or "cubic" F = a G + b G^2 + c G^3, as compared by Brimacombe et al.,
+    J. Biomech. Eng. 131 (2009) 034503; or "table", a monotone spline (Fritsch and Carlson) through means of up to
+    `POINTS` groups of loads, in logarithms. Loads are in siemens and newtons, in any order; those at 0 do not count.
+    LawError for too few loads, or a fit whose force falls with conductance.
     """
     g, force = np.asarray(conductance_s, dtype=float).ravel(), np.asarray(force_n, dtype=float).ravel()
     used = (g > 0) & (force > 0) & np.isfinite(g)

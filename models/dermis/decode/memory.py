@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from dermis.errors import InputError
 from dermis.files import atomic
@@ -39,14 +39,9 @@ class MemoryLaw:
     follows the law. One radius of -log(1 - h) / 2 is `sensor.play` of the width h. Creep is that of
     `sensor.creep_decades`: conductance times 1 + creep_per_decade * decades under load.
 
-    Attributes
-    ----------
-    radius, weight : ndarray
-        [n]; n = 0 is no hysteresis.
-    creep_per_decade : float
-        Relative.
-    creep_start_s : float
-        Time at which the first decade starts.
+    radius, weight : [n]; n = 0 is no hysteresis.
+    creep_per_decade : relative.
+    creep_start_s : time at which the first decade starts.
     """
 
     radius: Floats
@@ -72,6 +67,12 @@ class MemoryLaw:
     def active(self) -> bool:
         """Return True if the sheet has hysteresis or creep."""
         return bool(self.radius.size or self.creep_per_decade)
+
+
+def writable(array: object, shape: tuple[int, ...], kind: DTypeLike) -> bool:
+    """Return True if a compiled loop may write an array of this shape and type in place."""
+    fits = isinstance(array, np.ndarray) and array.shape == shape and array.dtype == kind
+    return fits and array.flags.c_contiguous and array.flags.writeable
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -216,17 +217,10 @@ _STATE = ("z", "past", "moved", "band", "creep", "loaded", "frame", "fresh")
 
 
 class SheetMemory:
-    """Hysteresis and creep of every taxel of one sheet, frame by frame.
+    """Hysteresis and creep of every taxel of one sheet, frame by frame, as one stream in one direction.
 
-    An object serves one stream in one direction. Its state can be saved and loaded, so that a stream goes on in
-    another process.
-
-    Parameters
-    ----------
-    law : MemoryLaw
-    taxels : int
-    g_open_s : float
-        A taxel at or below this conductance by the law carries no load.
+    The state can be saved and loaded, so that a stream goes on in another process. A taxel at or below the conductance
+    `g_open_s` by the law carries no load.
     """
 
     def __init__(self, law: MemoryLaw, taxels: int, g_open_s: float = 0.0) -> None:
@@ -267,18 +261,15 @@ class SheetMemory:
         Where the loop has a flat piece no reading tells where on it a taxel is. The ends cover the piece. The estimate
         is a force that goes back as it came, and then one that rests where it was last seen to move.
         """
-        for name, array in (("low_s", low_s), ("conductance_s", conductance_s), ("high_s", high_s)):
-            fits = (
-                isinstance(array, np.ndarray) and array.shape == self._loaded.shape and array.dtype == float
-            )
-            if not (fits and array.flags.c_contiguous and array.flags.writeable and (array >= 0).all()):
+        ends = low_s, conductance_s, high_s
+        for name, array in zip(("low_s", "conductance_s", "high_s"), ends, strict=True):
+            if not (writable(array, self._loaded.shape, float) and (array >= 0).all()):
                 raise ValueError(
                     f"{name} must be a writable array of {self._loaded.size} doubles, 0 or above"
                 )
         self._step(dt_s)
         state, law = self.arrays()[:6], (self.law.radius, self.law.weight, self.law.creep_per_decade)
-        ends, near = (low_s, conductance_s, high_s), (low_s.copy(), high_s.copy())
-        undo_frame(ends, near, state, self._frame, self._fresh, self._g_open_s, law)
+        undo_frame(ends, (low_s.copy(), high_s.copy()), state, self._frame, self._fresh, self._g_open_s, law)
         self._fresh = False
         self._frame += 1
 
@@ -298,13 +289,7 @@ class SheetMemory:
             np.savez(file, **self._state())
 
     def load(self, path: Path) -> None:
-        """Go on from a state that was saved.
-
-        Raises
-        ------
-        InputError
-            The file is not a state of this law and this number of taxels.
-        """
+        """Go on from a state that was saved; InputError if it is not of this law and this number of taxels."""
         try:
             with np.load(path, allow_pickle=False) as data:
                 given = {name: data[name] for name in self._state()}

@@ -48,24 +48,14 @@ _STAMPS = (("ns", 1e18, 1e9), ("us", 1e15, 1e6), ("ms", 1e12, 1e3), ("s", 1e9, 1
 class Recording:
     """Frames of a recording.
 
-    Attributes
-    ----------
-    values : ndarray
-        [frames, rows, cols] in the unit of the file; 0 where there is no taxel, NaN where a value is missing.
-    time_s : ndarray
-        [frames] from the first frame.
-    present : ndarray of bool
-        [rows, cols].
-    time_from : str
-        Where the times come from.
-    unit : str or None
-        One of UNITS, if the file says it.
-    area_mm2 : float or None
-        Area of a taxel, if the file says it.
-    order : str
-        Order of the taxels in the file.
-    ignored : tuple of str
-        Columns and sensors that are left out.
+    values : [frames, rows, cols] in the unit of the file; 0 where there is no taxel, NaN where a value is missing.
+    time_s : [frames] from the first frame.
+    present : [rows, cols].
+    time_from : where the times come from.
+    unit : one of UNITS, if the file says it.
+    area_mm2 : area of a taxel, if the file says it.
+    order : order of the taxels in the file.
+    ignored : columns and sensors that are left out.
     """
 
     values: Floats
@@ -86,13 +76,8 @@ class Recording:
 def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     """Read a recording; `option` names it in a message if there is no such file.
 
-    Values or times that are missing, lost frames, and a size that is only likely are warned of.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, contradicts the layout, or leaves a question open; the line names the option that
-        answers it.
+    Values or times that are missing, lost frames, and a size that is only likely are warned of. InputError if the file
+    cannot be read, contradicts the layout, or leaves a question open: the line names the option that answers it.
     """
     path = Path(path)
     bag = (path if path.suffix in recording_bag.SUFFIXES else path / "metadata.yaml").is_file()
@@ -121,8 +106,8 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
         raise InputError(path, f"frame {n}, row {r}, column {c}", float(frames[n, r, c]), "a finite number")
     frames = _gaps(path, frames, layout.gaps)
     time_s, source = _times(path, found, len(frames), layout)
-    told = found.unit, found.area_mm2, found.order, tuple(found.ignored)
-    return Recording(frames, time_s, ~absent, source, *told)
+    ignored = tuple(found.ignored)
+    return Recording(frames, time_s, ~absent, source, found.unit, found.area_mm2, found.order, ignored)
 
 
 def _unpacked(path: Path, data: bytes) -> bytes:
@@ -131,9 +116,8 @@ def _unpacked(path: Path, data: bytes) -> bytes:
             unpacked = stream.read(FILE_BYTES_MAX + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(path, "file", str(error), "a readable gzip file") from None
-    if len(unpacked) > FILE_BYTES_MAX:
-        said = f"at most {FILE_BYTES_MAX} bytes unpacked"
-        raise InputError(path, "file", f"more than {FILE_BYTES_MAX} bytes", said)
+    if len(unpacked) > (most := FILE_BYTES_MAX):
+        raise InputError(path, "file", f"more than {most} bytes", f"at most {most} bytes unpacked")
     return unpacked
 
 
@@ -286,20 +270,21 @@ def _frames_first(path: Path, values: Floats, found: Found, layout: Layout) -> F
     timed = found.time is not None and shape.count(found.time.size) == 1
     last = timed and shape[-1] == found.time.size
     if values.ndim == 3:
-        first_fits = all(s in (None, n) for s, n in zip(size, shape[1:], strict=True))
-        last_fits = all(s in (None, n) for s, n in zip(size, shape[:2], strict=True))
-        if None in size and not timed:
+        first_fits, last_fits = (
+            all(s in (None, n) for s, n in zip(size, places, strict=True))
+            for places in (shape[1:], shape[:2])
+        )
+        if timed:
+            first_fits, last_fits = first_fits and shape[0] == found.time.size, last_fits and last
+        elif None in size:
             # Squares tell the frames; else the frames are by far the most.
             square_last, square_first = shape[0] == shape[1], shape[1] == shape[2]
-            most = shape[0] > max(shape[1:])
             if square_last and not square_first:
                 first_fits = False
-            elif square_last or not (square_first or most):
+            elif square_last or not (square_first or shape[0] > max(shape[1:])):
                 raise ask
             else:
                 last_fits = False
-        elif timed:
-            first_fits, last_fits = first_fits and shape[0] == found.time.size, last_fits and last
         if first_fits == last_fits:
             raise ask
         frames = values if first_fits else np.moveaxis(values, 2, 0)
@@ -367,10 +352,8 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         if (steps <= 0).any():
             raise InputError(path, "frame", float(number[int(np.argmin(steps)) + 1]), "numbers that rise")
         if (lost := int((steps - 1).sum())) and (steps == 1).any():
-            warn(
-                path,
-                f"{counted(lost, 'frame')} lost, the first after frame {number[int(np.argmax(steps > 1))]:g}",
-            )
+            first = number[int(np.argmax(steps > 1))]
+            warn(path, f"{counted(lost, 'frame')} lost, the first after frame {first:g}")
     if layout.rate_hz is not None:
         number = np.arange(frames) if number is None else number - number[0]
         return number / layout.rate_hz, "option --rate"

@@ -24,17 +24,10 @@ _LISTED = 64  # elements of a list of messages that are looked through
 
 
 def read(path: Path, layout: Layout) -> Found:
-    """Read the frames of one topic.
+    """Read the frames of one topic; times are the stamps of the headers, or of reception, whole nanoseconds.
 
-    Times are the stamps of the messages' headers, or those of their reception, whole nanoseconds.
-
-    Raises
-    ------
-    InputError
-        The topic or the field is not the only one with numbers, a message has another size than the first, or an
-        encoding is not known.
-    Exception
-        Whatever the library raises on a damaged bag.
+    InputError if the topic or the field is not the only one with numbers, a message has another size than the first, or
+    an encoding is not known; any other exception that the library raises on a damaged bag.
     """
     reader = optional("rosbags.highlevel", "recordings").AnyReader
     types = optional("rosbags.typesys", "recordings")

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import codecs
+import contextlib
 import csv
 import functools
 import math
@@ -41,12 +42,12 @@ _OTHER = re.compile(
 """Beginnings of names that are known to be no taxel: other columns that are left out are warned of."""
 ROW, COL = ("r", "row", "rows", "y", "height"), ("c", "col", "cols", "column", "columns", "x", "width")
 """Words for the number of a row and that of a column."""
-_MARKS = (
-    (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32"), (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)  # fmt: skip
+_MARKS = {
+    "utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE),
+}  # fmt: skip
 _EMPTY = {"", "-", "--", "null", "none", "nan", "na", "n/a", "#n/a", "nil", "missing", "b"}
 """Cells without a value; Tekscan writes B where there is no sensel."""
+_COUNTER = re.compile(r"(.*[._ /])?(seq|frame(_?(no|nr|number|id))?|counter|sample|index|idx)", re.IGNORECASE)
 _LABEL = re.compile(r"[\W_]*frame\b[\W_]*(\d{1,9})(.*)", re.IGNORECASE)
 _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _STAMP = re.compile(_NUMBER + r"\s*(m?s)(ec\w*)?\b")
@@ -74,6 +75,8 @@ _MM = {
 KNOWN = "npy, npz, mat, HDF5 and bags are known by their suffix"
 PLACES_MAX = 1 << 16
 """The largest array: 256 x 256."""
+_ROW = re.compile(r"(?!.*[a-zA-DF-Z]{2})[-+.\dB]")
+"""Beginning of a row of numbers: no words; E may be an exponent, B a place without a sensel."""
 _PICTURE = re.compile(r"\W*pict-?no\.?:?\s*(\d{1,9})", re.IGNORECASE)
 
 
@@ -81,29 +84,16 @@ _PICTURE = re.compile(r"\W*pict-?no\.?:?\s*(\d{1,9})", re.IGNORECASE)
 class Layout:
     """Layout that a file does not state; None: taken from the file.
 
-    Attributes
-    ----------
-    rows, cols : int or None
-    key : str or None
-        Array of an npz, mat or HDF5 file; topic, or topic.field, of a bag.
-    time_key : str or None
-        Array of the times in such a file, or the name or number of the column of a text.
-    skip : int or None
-        Leading columns of a text that are no taxels.
-    time_unit, gaps : str or None, str
-        One of `recording.TIME_UNITS`, one of `recording.GAPS`.
-    rate_hz : float or None
-        Frames a second; overrules times in the file.
-    missing : float or None
-        Value of a place without a taxel; NaN counts as well.
-    axes : tuple or None
-        Names of `recording.AXES` in the order of an array, or the number of the part to take along an axis.
-    taxels : (int, int) or None
-        First and last column of the taxels of a text, from 0.
-    part : int or None
-        Sensor, or group of names, from 1, where a text has several.
-    header : bool or None
-        Whether a first line of numbers has numbers of columns.
+    key : array of an npz, mat or HDF5 file; topic, or topic.field, of a bag.
+    time_key : array of the times in such a file, or the name or number of the column of a text.
+    skip : leading columns of a text that are no taxels.
+    time_unit, gaps : one of `recording.TIME_UNITS`, one of `recording.GAPS`.
+    rate_hz : frames a second; overrules times in the file.
+    missing : value of a place without a taxel; NaN counts as well.
+    axes : names of `recording.AXES` in the order of an array, or the number of the part to take along an axis.
+    taxels : first and last column of the taxels of a text, from 0.
+    part : sensor, or group of names, from 1, where a text has several.
+    header : whether a first line of numbers has numbers of columns.
     """
 
     rows: int | None = None
@@ -130,21 +120,12 @@ class Layout:
 class Found:
     """Content of a file.
 
-    Attributes
-    ----------
-    values : ndarray
-        [lines, taxels], [frames, rows, cols], or the axes of a binary file; NaN where a value is missing.
-    time : ndarray or None
-        [frames] or [lines], in `time_unit` if that is known.
-    start : float
-        Added to `time` to give stamps since 1970, where that would lose digits.
-    number : ndarray or None
-        Numbers of the frames, where the file has them.
-    by_line, binary : bool
-        A line, or a part of the first axis, is a frame; an array whose axes may be in any order.
-    shape : (rows, cols) or None
-    unit : str or None
-        Of `recording.UNITS`.
+    values : [lines, taxels], [frames, rows, cols], or the axes of a binary file; NaN where a value is missing.
+    time : [frames] or [lines], in `time_unit` if that is known.
+    start : added to `time` to give stamps since 1970, where that would lose digits.
+    number : numbers of the frames, where the file has them.
+    by_line, binary : a line, or a part of the first axis, is a frame; an array whose axes may be in any order.
+    unit : of `recording.UNITS`.
     """
 
     values: Floats
@@ -178,7 +159,7 @@ def decoded(path: Path, data: bytes) -> str:
     """Return text in UTF-8, UTF-16, UTF-32 or Latin-1."""
     even, odd = data[:4096:2].count(0), data[1:4096:2].count(0)
     kinds = ["utf-16-le" if odd > even else "utf-16-be"] if even or odd else ["utf-8-sig", "latin-1"]
-    kinds = next(([name] for mark, name in _MARKS if data.startswith(mark)), kinds)
+    kinds = next(([name] for name, marks in _MARKS.items() if data.startswith(marks)), kinds)
     for kind in kinds:
         try:
             text = data.decode(kind)
@@ -275,14 +256,14 @@ def time_unit_of(name: str) -> str | None:
     return match.lastgroup if match else None
 
 
+def is_time(name: str, known: re.Pattern = _TIME) -> bool:
+    """Return True if a name is that of a time."""
+    return bool(known.fullmatch(name) or known.fullmatch(_parted(name)))
+
+
 def asks_unit(name: str) -> bool:
     """Return True for the name of a time with more words, which may be a unit."""
-    return is_time(name) and not (_BARE_TIME.fullmatch(name) or _BARE_TIME.fullmatch(_parted(name)))
-
-
-def is_time(name: str) -> bool:
-    """Return True if a name is that of a time."""
-    return bool(_TIME.fullmatch(name) or _TIME.fullmatch(_parted(name)))
+    return is_time(name) and not is_time(name, _BARE_TIME)
 
 
 # ---- tables
@@ -294,7 +275,7 @@ class Table:
     def __init__(self, path: Path, lines: list[str], layout: Layout) -> None:
         self.path, self.layout = path, layout
         filled = [(n, line) for n, line in enumerate(lines, 1) if line.strip(" \t,;")]
-        data = [line for _, line in filled if not line.lstrip().startswith(("#", "%"))]
+        data = [line for _, line in filled if not _is_comment(line)]
         self.mark = _mark_of(data[-1]) if data else None
         start = next((k for k, (_, line) in enumerate(filled) if self._starts(line)), len(filled))
         self.head, self.lines = [line for _, line in filled[:start]], filled[start:]
@@ -328,10 +309,9 @@ class Table:
         return self._ask("header", value, f"{allowed}, or --taxels FIRST..LAST by number")
 
     def _starts(self, line: str) -> bool:
-        cells = _bare(cells_of(line, self.mark))
-        if line.lstrip().startswith(("#", "%")) or _LABEL.match(line):
+        if _is_comment(line) or _LABEL.match(line):
             return False
-        filled = [cell for cell in cells if cell]
+        filled = [cell for cell in _bare(cells_of(line, self.mark)) if cell]
         good = sum(map(_is, filled))
         return good > len(filled) / 2 or (good > 0 and any(_is(c, _stamp) for c in filled))
 
@@ -354,7 +334,7 @@ class Table:
                 warn(self.path, f"another table begins at line {n}, and is left out: {one_line(line, 40)}")
                 break
             # MVP and MPP of novel are the mean and the largest of each column.
-            apart = label or line.lstrip().startswith(("#", "%", "MVP", "MPP")) or line in self.head
+            apart = label or _is_comment(line, "MVP", "MPP") or line in self.head
             if n in known and not apart:
                 kept.append((n, line))
                 block.append(number)
@@ -395,7 +375,7 @@ class Table:
                     names[k : k + 1] = [f"{names[k]}[{n}]" for n in range(count)]
             if lists and len(names) == width:
                 return names
-        last = next((h for h in reversed(self.head) if not h.lstrip().startswith(("#", "%"))), "")
+        last = next((h for h in reversed(self.head) if not _is_comment(h)), "")
         short = len(cells_of(last, self.mark)) > 1 and not _LABEL.match(last)
         numbered = self.layout.header is not False and not (short and len(plain) < _NUMBERS_SURE)
         if numbered and self._is_numbered(plain):
@@ -434,10 +414,9 @@ class Table:
             return True
         if words and len(below) == len(cells):
             return any(_is(b) and b for b, c in zip(below, cells, strict=True) if c in words)
-        try:
+        steps: set[float] = set()
+        with contextlib.suppress(ValueError):  # a cell of text below
             steps = {number_of(b) - number_of(a) for a, b in zip(cells, below, strict=False)}
-        except ValueError:
-            steps = set()
         if steps == {0.0} and len(cells) < _NUMBERS_SURE:
             return False
         if len(numbers) < _NUMBERS_SURE or len(steps) == 1:
@@ -513,12 +492,9 @@ class Table:
             for k in timed:
                 # ROS: stamp.sec and stamp.nanosec, secs and nsecs.
                 fine = re.fullmatch(r"(.*?)(nano|n)(secs?|seconds?)", names[k], re.IGNORECASE)
-                whole = re.compile(re.escape(fine[1]) + "(secs?|seconds?|s)", re.I) if fine else None
-                if (
-                    whole
-                    and (pair := next((j for j in timed if whole.fullmatch(names[j])), None)) is not None
-                ):
-                    return [pair, k]
+                whole = fine and re.compile(re.escape(fine[1]) + "(secs?|seconds?|s)", re.I)
+                if pair := [j for j in timed if whole and whole.fullmatch(names[j])]:
+                    return [pair[0], k]
             named = [k for k in timed if is_time(names[k]) and counts[_template(names[k])[0]] < 4]
             return named[:1]
         stamps = [k for k in timed if not _is(first[k])]
@@ -644,7 +620,7 @@ class Table:
         """Return the values of columns, and the cells of the times, by line."""
         table = np.empty((self.count, len(columns)))
         moments: list[list[str]] = []
-        comma = point = False
+        comma = False
         for i, (number, line) in enumerate(self.lines):
             plain = not any(mark in line for mark in '"[(')
             cells = line.split(self.mark) if plain else self._cells(line)
@@ -658,11 +634,9 @@ class Table:
                 cells = self._cells(line)
                 table[i] = self._numbers([cells[k] for k in columns], columns, f"line {number}")
                 comma = comma or any("," in cells[k] for k in columns)
-            if comma or i == 0:
-                point = point or any("." in cells[k] for k in columns)
             if keys:
                 moments.append(_bare([cells[k].strip() for k in keys]))
-        if comma and (point or any("." in self._cells(line)[k] for _, line in self.lines for k in columns)):
+        if comma and any("." in self._cells(line)[k] for _, line in self.lines for k in columns):
             raise self._ask("numbers", "decimal commas and points", "one of them")
         return table, moments
 
@@ -703,9 +677,8 @@ class Table:
 
     def _counters(self, out: list[int]) -> None:
         """Warn of lost numbers in a counter of frames."""
-        counter = re.compile(r"(.*[._ /])?(seq|frame(_?(no|nr|number|id))?|counter|sample|index|idx)", re.I)
         for k in out if self.names else ():
-            column = self._column(k) if counter.fullmatch(self.names[k]) else [""]
+            column = self._column(k) if _COUNTER.fullmatch(self.names[k]) else [""]
             if all(re.fullmatch(r"\d+", c) for c in column):
                 steps = np.diff([int(c) for c in column])
                 if (steps > 1).any() and (steps == 1).any():
@@ -719,14 +692,13 @@ class Table:
 
     def _rows(self, found: Found, row: Floats, frame: Floats | None) -> Found:
         """Return frames from lines with the number of their row."""
-        path = self.path
         if not (np.isfinite(row).all() and (row == np.floor(row)).all() and row.min() in (0, 1)):
             raise self._ask("row", float(row.min()), "whole numbers from 0 or 1")
         place = (row - row.min()).astype(int)
         new = np.diff(place) <= 0 if frame is None else np.diff(frame) != 0
         index = np.concatenate([[0], np.cumsum(new)]).astype(int)
         rows, width = self.layout.rows or int(place.max()) + 1, found.values.shape[1]
-        _bounded(path, (int(index[-1]) + 1) * rows * width)
+        _bounded(self.path, (int(index[-1]) + 1) * rows * width)
         if place.max() >= rows:
             raise self._ask("row", int(row.max()), f"{rows} rows, as --rows says")
         filled = np.zeros((index[-1] + 1, rows), int)
@@ -736,7 +708,7 @@ class Table:
             raise self._ask(f"frame {n}", f"row {r} twice", "each row once in a frame")
         for n in np.flatnonzero((filled == 0).any(axis=1))[:8]:
             lost = ", ".join(map(str, np.flatnonzero(filled[n] == 0)[:8]))
-            warn(path, f"frame {n} has no row {lost}: missing there")
+            warn(self.path, f"frame {n} has no row {lost}: missing there")
         values = np.full((*filled.shape, width), np.nan)
         values[index, place] = found.values
         found.values, found.shape = values, values.shape[1:]
@@ -791,6 +763,10 @@ def _template(name: str) -> tuple[str, tuple[int, ...]]:
     return "#".join(parts[::2]).lower(), tuple(int(n) if len(n) < 19 else PLACES_MAX for n in parts[1::2])
 
 
+def _is_comment(line: str, *more: str) -> bool:
+    return line.lstrip().startswith(("#", "%", *more))
+
+
 def _mark_of(line: str) -> str | None:
     """Return the character between the cells of a line; None: spaces."""
     line = re.sub(r'"[^"]*"', "q", line)
@@ -824,9 +800,7 @@ def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
             part = None if line.lower().startswith("group") else line[7:].strip(" ,;\t")
         elif at is not None and line.lower().startswith("time") and (clock := _CLOCK.search(line)):
             kept[at] += f"({_stamp(clock[0])!r}s)"
-        elif (
-            None not in (at, part) and re.match(r"[-+.\dB]", line) and not re.search(r"[a-zA-DF-Z]{2}", line)
-        ):
+        elif None not in (at, part) and _ROW.match(line):
             parts.setdefault(part, []).append(n)
     try:
         rows, cols = (int(re.split(r"\D", said[name])[0]) for name in ("rows", "cols"))
@@ -853,16 +827,16 @@ def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
 
 def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
     """Read a list of novel emed: pictures with numbers of rows and columns at their margins, and sums as Force."""
-    frames: list[tuple[int, dict[tuple[int, int], float]]] = []
+    numbers: list[int] = []
+    entries: list[tuple[int, int, int, float]] = []  # picture, row, column, value
     columns: list[str] = []
     sums: list[tuple[float, float]] = []
     inside = False
-    head = ""
     for number, line in enumerate(lines, 1):
         cells = line.replace(",", ".").split()
         if match := _PICTURE.match(line):
-            if not frames or frames[-1][0] != int(match[1]):  # else another page of the same picture
-                frames.append((int(match[1]), {}))
+            if numbers[-1:] != [int(match[1])]:  # else another page of the same picture
+                numbers.append(int(match[1]))
             columns, inside = [], True
         elif inside and not columns:
             columns = cells if all(re.fullmatch(r"[0-9]{1,5}|Force", c) for c in cells) else []
@@ -875,28 +849,26 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
                 if column == "Force":
                     sums.append((sum(values[:-1]), value))
                 else:
-                    frames[-1][1][int(row), int(column)] = value
+                    entries.append((len(numbers) - 1, int(row), int(column), value))
         elif columns:
             inside = False
-        head += "" if frames else line + " "
-    places = np.array([at for _, frame in frames for at in frame])
-    if not places.size:
+    if not entries:
         raise InputError(path, "pictures", 0, "a picture with numbers of rows and columns")
-    low, high = places.min(axis=0), places.max(axis=0)
+    picture, *place = np.array([entry[:3] for entry in entries]).T
+    low, high = np.min(place, axis=1), np.max(place, axis=1)
     rows, cols = (high - low + 1).tolist()
     if (layout.rows or rows, layout.cols or cols) != (rows, cols):
         low, (rows, cols) = np.array([1, 1]), (layout.rows or high[0], layout.cols or high[1])
         if (high > (rows, cols)).any():
             raise InputError(path, "--rows, --cols", f"{rows}, {cols}", f"at least {high[0]} and {high[1]}")
-    _bounded(path, len(frames) * rows * cols)
+    _bounded(path, len(numbers) * rows * cols)
     # A picture shows the part that is pressed.
-    values = np.zeros((len(frames), rows, cols))
-    for n, (_, frame) in enumerate(frames):
-        for (r, c), value in frame.items():
-            values[n, r - low[0], c - low[1]] = value
-    found = Found(values, number=np.array([n for n, _ in frames], dtype=float), shape=(rows, cols))
+    frames = np.zeros((len(numbers), rows, cols))
+    frames[picture, place[0] - low[0], place[1] - low[1]] = [entry[3] for entry in entries]
+    found = Found(frames, number=np.array(numbers, dtype=float), shape=(rows, cols))
     found.order = f"by the numbers at the margins, rows from {low[0]} and columns from {low[1]}"
     found.ignored = ["Force"]
+    head = " ".join(lines[: next(n for n, line in enumerate(lines) if _PICTURE.match(line))])
     if step := re.search(rf"Time(?:/| per )picture:?\s*{_NUMBER}\s*(m?s)", head):
         found.time, found.time_from = found.number * _decimal(step[1]), "time per picture"
         found.time_unit = step[2]
@@ -907,7 +879,7 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
         unit_n = np.median(known) / found.area_mm2 if known else 0.0
         factor = next((f for f in (1.0, 10.0) if abs(unit_n * 1e3 / f - 1) < _MARGIN), None)
         if factor is not None:
-            found.values, found.unit = values * factor, "kpa"
+            found.values, found.unit = frames * factor, "kpa"
     return found
 
 

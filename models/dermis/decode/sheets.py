@@ -85,13 +85,8 @@ def apply_sheet(g, state, law, e, dt_s):
 class Sheets:
     """Hysteresis and creep of every taxel of many sheets, frame by frame.
 
-    Parameters
-    ----------
-    law : MemoryLaw
-        With one play operator at most, as that of a scene.
-    sheets, taxels : int
-    g_open_s : float
-        A taxel at or below this conductance by the law carries no load.
+    The law has one play operator at most, as that of a scene. A taxel at or below the conductance `g_open_s` by the law
+    carries no load.
     """
 
     def __init__(self, law: MemoryLaw, sheets: int, taxels: int, g_open_s: float = 0.0) -> None:

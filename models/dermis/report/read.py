@@ -22,6 +22,7 @@ from dermis.chip.spi_protocol import RowsOfInterest
 from dermis.converter.vfc import code_type
 from dermis.decode import calibration, recording, recording_bag
 from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Forces
+from dermis.decode.recording import Recording
 from dermis.errors import InputError, counted, one_line, optional
 from dermis.files import write_atomic
 from dermis.places import BUILD
@@ -32,6 +33,7 @@ from dermis.scene.schema import read_toml
 from dermis.skin import Skin
 
 Floats = NDArray[np.float64]
+Codes = NDArray[np.unsignedinteger]
 
 CHIP = {"row_driver": True, "column_input": True, "lateral": True}
 """Effects of the chip without --scene: row drivers, column inputs and a coupled sheet."""
@@ -42,6 +44,7 @@ LEAST_CODE = 8
 COVERAGE_MIN = 0.99
 """Least share of forces in their 99.9 % interval; less is another chip or sheet."""
 WRONG_UNIT = "a wrong --unit, --scale or [front_end]? k of the scene sets the range"
+_BAGGED = "force_n", "low_n", "high_n"
 SHADES = ".:-=+*#%@"
 THRESHOLD = 0.1
 """Onset: the total force passes this part of its largest value."""
@@ -49,11 +52,9 @@ THRESHOLD = 0.1
 
 def chip_of(rows: int, cols: int, scene: str | None) -> Plan:
     """Return the plan of a chip and a sheet of this size: the design's, or those of a scene."""
-    data: dict[str, Any] = {"effects": dict(CHIP)}
-    path = Path("default chip")
+    path, data = Path("default chip"), {"effects": dict(CHIP)}
     if scene is not None:
-        path = scenes.find(scene)
-        data = read_toml(path)
+        data = read_toml(path := scenes.find(scene))
     array = data.get("array", {})
     for name, size in (("rows", rows), ("cols", cols)):
         if isinstance(array, dict) and array.get(name, size) != size:
@@ -65,10 +66,7 @@ def chip_of(rows: int, cols: int, scene: str | None) -> Plan:
 def forces_of(values: Floats, unit: str, plan: Plan, area_mm2: float | None, scale: float) -> Floats:
     """Return the forces in newtons of a recording's values, [frames, rows, cols]; NaN where a value is missing.
 
-    Raises
-    ------
-    InputError
-        Values that the unit does not have, or no area for kPa.
+    InputError for values that the unit does not have, or no area for kPa.
     """
     spread, missing = f"{np.nanmin(values):g} .. {np.nanmax(values):g}", np.isnan(values)
     if unit == "codes":
@@ -95,36 +93,31 @@ def error_figures(
 ) -> dict[str, tuple[float, str]]:
     """Compare decoded forces with the true ones, [frames, rows, cols] each; {name: (value, unit)}.
 
-    Errors by taxel count the readings in `pressed`. The centre of pressure is compared where the
-    total force is above `THRESHOLD` of its largest value; the onset delay is how much later the
-    decoded total passes that value.
+    Errors by taxel count the readings in `pressed`, the centre of pressure where the total force is above `THRESHOLD`
+    of its largest value; the onset delay is how much later the decoded total passes that value.
     """
     error = (found - force)[pressed]
     total, total_found = force.sum(axis=(1, 2)), found.sum(axis=(1, 2))
     level = THRESHOLD * total.max(initial=0.0)
     rows, cols = np.indices(force.shape[1:])
     loaded = (total > level) & (total_found > 0)
-    apart = np.zeros(1)
-    if loaded.any():
-        centres = [
-            np.stack([(f * axis).sum(axis=(1, 2)) for axis in (rows, cols)]) / f.sum(axis=(1, 2))
-            for f in (force[loaded], found[loaded])
-        ]
-        apart = np.hypot(*(centres[0] - centres[1]))
+    centres = [
+        np.stack([(f * axis).sum(axis=(1, 2)) for axis in (rows, cols)]) / f.sum(axis=(1, 2))
+        for f in (force[loaded], found[loaded])
+    ]
+    apart = np.hypot(*(centres[0] - centres[1]))
     passed = [t > level for t in (total, total_found)]
     onset = [float(time_s[np.argmax(above)]) if above.any() else np.nan for above in passed]
     return {
         "rms_error_n": (float(np.sqrt(np.mean(error**2))) if error.size else 0.0, "N"),
         "largest_error_n": (float(np.abs(error).max(initial=0.0)), "N"),
         "total_force_error_n": (float(np.abs(total_found - total).max(initial=0.0)), "N"),
-        "centre_error_pitch": (float(apart.max()), "pitches"),
+        "centre_error_pitch": (float(apart.max(initial=0.0)), "pitches"),
         "onset_delay_s": (onset[1] - onset[0], "s"),
     }
 
 
-def read_frames(
-    skin: Skin, rec: recording.Recording, force: Floats
-) -> tuple[NDArray[np.unsignedinteger], Forces, list[verdict.Row]]:
+def read_frames(skin: Skin, rec: Recording, force: Floats) -> tuple[Codes, Forces, list[verdict.Row]]:
     """Send forces through the chip and back; return codes, decoded forces and verdicts.
 
     A force that is missing (NaN) is sent as the one before it in time.
@@ -160,16 +153,8 @@ def read_frames(
     return codes, found, rows
 
 
-def decode_frames(
-    skin: Skin, rec: recording.Recording, path: str
-) -> tuple[NDArray[np.unsignedinteger], Forces, list[verdict.Row]]:
-    """Decode the codes of a chip; return them, forces and verdicts.
-
-    Raises
-    ------
-    InputError
-        Values that are no codes.
-    """
+def decode_frames(skin: Skin, rec: Recording, path: str) -> tuple[Codes, Forces, list[verdict.Row]]:
+    """Decode the codes of a chip; return them, forces and verdicts. InputError for values that are no codes."""
     most, missing = skin.decoder.calibration.code_max, np.isnan(rec.values)
     values = np.where(rec.present, rec.values, 0.0)
     good = missing | ((values >= 0) & (values <= most) & (values == np.floor(values)))
@@ -184,25 +169,17 @@ def decode_frames(
     width = (found.high_n - found.low_n)[pressed]
     total = np.where(present, found.force_n, 0.0).sum(axis=(1, 2))
     unsolved = int((found.flags & UNSOLVED).any(axis=(1, 2)).sum())
+    why = "the network does not fit" if unsolved else ""
     rows = [
         verdict.report("read.decoded.largest_force_n", float(np.nanmax(found.force_n)), "N", ""),
         verdict.report("read.decoded.largest_total_force_n", float(total.max()), "N", ""),
-        verdict.within(
-            "read.decoded.unsolved_frames",
-            unsolved,
-            "frames",
-            None,
-            0,
-            "the network does not fit" * bool(unsolved),
-        ),
+        verdict.within("read.decoded.unsolved_frames", unsolved, "frames", None, 0, why),
         _saturated((found.flags & SATURATED) > 0, present, int(pressed.sum())),
         _largest(skin.decoder.calibration.rising(codes)),
     ]
     if np.isfinite(width).any():
-        median = float(np.median(width))
-        rows.insert(
-            0, verdict.report("read.decoded.interval_width_n", median, "N", "median of pressed taxels")
-        )
+        median, note = float(np.median(width)), "median of pressed taxels"
+        rows.insert(0, verdict.report("read.decoded.interval_width_n", median, "N", note))
     return codes, found, rows
 
 
@@ -213,14 +190,13 @@ def _filled(values: Floats) -> Floats:
     return np.nan_to_num(recording.held(recording.held(values)[::-1])[::-1])
 
 
-def _decoded(
-    skin: Skin, rec: recording.Recording, codes: NDArray, missing: NDArray[np.bool_], dt: Floats
-) -> Forces:
+def _decoded(skin: Skin, rec: Recording, codes: Codes, missing: NDArray[np.bool_], dt: Floats) -> Forces:
     """Decode codes; a missing one gives NaN in 0..inf, and may be any code for the intervals of the others."""
     found = skin.decode(codes, dt)
     if missing.any():
         # The ends of its range; at full scale it would be a short, which opens all intervals of its row.
-        for other in skin.decoder.calibration.rising(np.array([0, skin.decoder.calibration.code_max - 1])):
+        known = skin.decoder.calibration
+        for other in known.rising(np.array([0, known.code_max - 1])):
             skin.decoder.reset()
             end = skin.decode(np.where(missing, other, codes).astype(codes.dtype), dt)
             np.minimum(found.low_n, end.low_n, out=found.low_n)
@@ -244,7 +220,7 @@ def _largest(codes: NDArray) -> verdict.Row:
     return verdict.within("read.largest_code", most, "codes", LEAST_CODE, None, why)
 
 
-def understood(rec: recording.Recording, unit: str, area_mm2: float | None) -> dict[str, str]:
+def understood(rec: Recording, unit: str, area_mm2: float | None) -> dict[str, str]:
     """Return what was understood of a recording, by name."""
     frames, rows, cols = rec.values.shape
     missing, absent = int(np.isnan(rec.values).sum()), int((~rec.present).sum())
@@ -298,9 +274,8 @@ def interest_rows(codes: NDArray[Any], time_s: Floats, t_frame_s: float, late: i
     wait = np.minimum.accumulate(np.where(read, at, len(time))[::-1])[::-1] - at
     waits = wait[touched & np.diff(touched, axis=0, prepend=False)]
     note = f"{(waits > 0).sum()} of {waits.size} late; {(touched & ~read).sum()} of {touched.sum()} readings missed"
-    saved = verdict.report(
-        "read.rows_saved", 1 - read.mean(), "1", f"{counted(len(time), 'frame')} of {t_frame_s:g} s"
-    )
+    followed = f"{counted(len(time), 'frame')} of {t_frame_s:g} s"
+    saved = verdict.report("read.rows_saved", 1 - read.mean(), "1", followed)
     return [saved, verdict.report("read.touch_delay_frames", int(waits.max(initial=0)), "frames", note)]
 
 
@@ -333,19 +308,19 @@ def _missing_of(said: tuple[str, ...]) -> dict[str, Any]:
     return found
 
 
+_FILE, _POSITIVE = click.Path(), click.FloatRange(0, 1e9, min_open=True)
+_SKIPPED, _PART = click.IntRange(0, 10_000), click.IntRange(1)
+
+
 @click.command("read")
 @click.argument("file", type=click.Path())
 @click.option("--unit", type=click.Choice(recording.UNITS), help="Unit of the values.")
 @click.option("--rate", type=click.FloatRange(1e-6, 1e9), help="Frames per second, if the file has no times.")
 @click.option("--rows", type=click.IntRange(1, 256), help="Rows of the array.")
 @click.option("--cols", type=click.IntRange(1, 256), help="Columns of the array.")
-@click.option(
-    "--skip", type=click.IntRange(0, 10_000), help="Leading columns to skip, such as a time or a counter."
-)
+@click.option("--skip", type=_SKIPPED, help="Leading columns to skip, such as a time or a counter.")
 @click.option("--taxels", callback=_range_of, metavar="FIRST..LAST", help="Columns of the taxels, from 0.")
-@click.option(
-    "--part", type=click.IntRange(1), help="Sensor, or group of names, from 1, of a file with several."
-)
+@click.option("--part", type=_PART, help="Sensor, or group of names, from 1, of a file with several.")
 @click.option("--header", type=click.Choice(["yes", "no"]), help="Whether a line of numbers is a header.")
 @click.option(
     "--axes",
@@ -363,22 +338,14 @@ def _missing_of(said: tuple[str, ...]) -> dict[str, Any]:
 @click.option("--mask", type=click.Path(), help="csv or npy file [rows, cols], 0 at a place without a taxel.")
 @click.option("--clip-negative", is_flag=True, help="Replace negative values with 0.")
 @click.option("--area", "area_mm2", type=click.FloatRange(1e-9, 1e9), help="Area of a taxel in mm2, for kPa.")
-@click.option(
-    "--scale",
-    type=click.FloatRange(0, 1e9, min_open=True),
-    default=1.0,
-    show_default=True,
-    help="Factor on every force.",
-)
+@click.option("--scale", type=_POSITIVE, default=1.0, show_default=True, help="Factor on every force.")
 @click.option(
     "--through-chip",
     is_flag=True,
     help="Send codes as forces through the simulated chip, as all other units.",
 )
 @click.option("--scene", help="Scene of chip and sheet; its stimulus is ignored.")
-@click.option(
-    "--calibration", "known", type=click.Path(), help="Calibration of `dermis calibrate` for decoding."
-)
+@click.option("--calibration", "known", type=_FILE, help="Calibration of `dermis calibrate` for decoding.")
 @click.option("--out", type=click.Path(), help="Directory of the results; default build/read/FILE.")
 @click.option("--hdf5", is_flag=True, help="Also write forces.h5.")
 @click.option("--bag", type=click.Choice(["mcap", "sqlite3"]), help="Also write forces_bag, a ROS 2 bag.")
@@ -410,9 +377,14 @@ def read_command(
             warnings.simplefilter("always", UserWarning)
             layout |= _missing_of(missing) | {"header": None if header is None else header == "yes"}
             rec = recording.load(file, recording.Layout(rate_hz=rate, **layout))
-        notes = [one_line(str(said.message), 400) for said in caught]
-        for note in notes:
-            click.echo(f"warning: {note}", err=True)
+        notes: list[str] = []
+
+        def note(said: str) -> None:
+            notes.append(said)
+            click.echo(f"warning: {said}", err=True)
+
+        for said in caught:
+            note(one_line(str(said.message), 400))
         area_mm2 = area_mm2 or rec.area_mm2
         if unit is None and rec.unit is None:
             said = f"unknown for values {np.nanmin(rec.values):g} .. {np.nanmax(rec.values):g}"
@@ -427,28 +399,21 @@ def read_command(
         frames, rows, cols = rec.values.shape
         decodes = unit == "codes" and not through_chip
         if decodes and scale != 1:
-            raise InputError(
-                "command line", "--scale", scale, "left out for codes that are decoded; or --through-chip"
-            )
+            allowed = "left out for codes that are decoded; or --through-chip"
+            raise InputError("command line", "--scale", scale, allowed)
         if decodes and scene is None and known is None:
-            notes.append(
-                f"{one_line(file)}: codes of the default chip; --scene or --calibration of the chip otherwise"
-            )
-            click.echo(f"warning: {notes[-1]}", err=True)
+            said = "codes of the default chip; --scene or --calibration of the chip otherwise"
+            note(f"{one_line(file)}: {said}")
         chip = chip_of(rows, cols, scene)
-        if chip.front_end is not None and unit == "codes" and through_chip:
-            raise InputError(
-                "command line", "--through-chip", scene, "a scene of a chip, not of a [front_end]"
-            )
+        own_chip, frame_s = chip.front_end is None, chip.timing.frame_s
+        if not own_chip and unit == "codes" and through_chip:
+            allowed = "a scene of a chip, not of a [front_end]"
+            raise InputError("command line", "--through-chip", scene, allowed)
         # Times of a file have six digits; a frame that is shorter by less is the same.
-        if (
-            chip.front_end is None
-            and not decodes
-            and frames > 1
-            and rec.t_frame_s < chip.timing.frame_s * (1 - 1e-6)
-        ):
-            most = 1 / chip.timing.frame_s
-            allowed = f"at most {most:.4g} frames a second: the chip reads {rows} rows in {1 / most:g} s"
+        if own_chip and not decodes and frames > 1 and rec.t_frame_s < frame_s * (1 - 1e-6):
+            allowed = (
+                f"at most {1 / frame_s:.4g} frames a second: the chip reads {rows} rows in {frame_s:g} s"
+            )
             speed = f"{1 / rec.t_frame_s:.6g}" if rec.t_frame_s else "no time between frames"
             raise InputError(file, "rate", speed, allowed)
         own = None if known is None else calibration.load(known)
@@ -461,33 +426,30 @@ def read_command(
             values = np.where(rec.present, rec.values, np.inf if unit == "ohm" else 0)
             force = np.where(rec.present, forces_of(values, unit, chip, area_mm2, scale), 0.0)
             codes, found, judged = read_frames(skin, rec, force)
-        if chip.front_end is None and (own is None or not (own.divider or own.falling)):
-            judged += interest_rows(codes, rec.time_s, chip.timing.frame_s)
-        said = {"file": str(file), "unit": unit, "scene": scene or "default chip", "calibration": known}
+        if own_chip and (own is None or not (own.divider or own.falling)):
+            judged += interest_rows(codes, rec.time_s, frame_s)
         told = understood(rec, unit, area_mm2)
-        said |= {"decoded": decodes, "understood": told, "warnings": notes}
-        write(target, rec, codes, found, judged, said, hdf5, bag)
+        summary = {"file": str(file), "unit": unit, "scene": scene or "default chip", "calibration": known}
+        summary |= {"decoded": decodes, "understood": told, "warnings": notes}
+        write(target, rec, codes, found, judged, summary, hdf5, bag)
         for name, value in told.items():
             click.echo(f"{name:8} {value}")
         click.echo("\n".join(touch_map(found.force_n)))
         output.MAPS.append((*strongest(np.where(rec.present, found.force_n, np.nan), 64, 64), "N"))
         verdict.write_rows("read", judged)
-        taxels = int(rec.present.sum())
-        size = f"{counted(frames, 'frame')} of {rows} x {cols}"
-        title = f"{one_line(file)}: {size}, {taxels} taxels, time from {rec.time_from}"
-        verdict.print_rows(judged, title)
+        size = f"{counted(frames, 'frame')} of {rows} x {cols}, {rec.present.sum()} taxels"
+        verdict.print_rows(judged, f"{one_line(file)}: {size}, time from {rec.time_from}")
         click.echo(f"codes, forces and summary are in {one_line(str(target), 400)}")
         return verdict.exit_code(judged)
 
 
-def _masked(rec: recording.Recording, mask: str) -> recording.Recording:
+def _masked(rec: Recording, mask: str) -> Recording:
     """Return a recording without the taxels for which the file `mask` has 0."""
     rows, cols = rec.present.shape
     allowed = f"{rows} x {cols} values, 0 where there is no taxel"
+    layout = recording.Layout(rows, cols, rate_hz=1.0, gaps="refuse", header=False)
     try:
-        found = recording.load(
-            mask, recording.Layout(rows, cols, rate_hz=1.0, gaps="refuse", header=False), "--mask"
-        ).values
+        found = recording.load(mask, layout, "--mask").values
     except InputError as error:
         raise InputError(mask, error.key, error.value, f"{error.allowed}; {allowed}") from None
     present = rec.present & (found[0] != 0)
@@ -498,33 +460,24 @@ def _masked(rec: recording.Recording, mask: str) -> recording.Recording:
 
 def write(
     target: Path,
-    rec: recording.Recording,
-    codes: NDArray[np.unsignedinteger],
+    rec: Recording,
+    codes: Codes,
     found: Forces,
     rows: list[verdict.Row],
     said: dict[str, Any],
-    hdf5: bool = False,
-    bag: str | None = None,
+    hdf5: bool,
+    bag: str | None,
 ) -> None:
     """Write codes and forces with time (csv, npy, HDF5 and a ROS 2 bag if asked for) and, last, summary.json."""
-    summary = said | {
-        "frames": len(codes),
-        "rows": codes.shape[1],
-        "cols": codes.shape[2],
-        "taxels": int(rec.present.sum()),
-        "t_frame_s": rec.t_frame_s if len(codes) > 1 else None,
-        "time_from": rec.time_from,
-        "verdicts": rows,
-    }
+    frames, *size = codes.shape
+    summary = said | dict(zip(("frames", "rows", "cols"), (frames, *size), strict=True))
+    summary |= {"taxels": int(rec.present.sum()), "t_frame_s": rec.t_frame_s if frames > 1 else None}
+    summary |= {"time_from": rec.time_from, "verdicts": rows}
     missing = np.isnan(rec.values)
     # A code that is missing in the file is missing in the results.
     shown = np.where(missing, np.nan, codes) if missing.any() else codes
-    arrays = {
-        "codes": shown,
-        "forces_n": found.force_n,
-        "forces_low_n": found.low_n,
-        "forces_high_n": found.high_n,
-    }
+    forces = {"forces_n": found.force_n, "forces_low_n": found.low_n, "forces_high_n": found.high_n}
+    arrays = {"codes": shown} | forces
     files: dict[str, bytes | str] = {"forces.h5": _hdf5(arrays, rec)} if hdf5 else {}
     files |= {f"{name}.npy": output.npy_bytes(array) for name, array in arrays.items()}
     files |= {
@@ -536,8 +489,7 @@ def write(
     target.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target, prefix=".bag_") as held:
         if bag is not None:
-            topics = {"force_n": found.force_n, "low_n": found.low_n, "high_n": found.high_n}
-            topics = {f"/dermis/{name}": np.where(rec.present, a, np.nan) for name, a in topics.items()}
+            topics = {f"/dermis/{n}": np.where(rec.present, getattr(found, n), np.nan) for n in _BAGGED}
             recording_bag.write(Path(held) / "bag", topics, rec.time_s, bag)
         # A summary is there only with the files that it describes.
         for name in ("summary.json", "forces.h5"):
@@ -549,7 +501,7 @@ def write(
         write_atomic(target / name, content)
 
 
-def _hdf5(arrays: dict[str, NDArray], rec: recording.Recording) -> bytes:
+def _hdf5(arrays: dict[str, NDArray], rec: Recording) -> bytes:
     held = io.BytesIO()
     with optional("h5py", "recordings").File(held, "w") as file:
         for name, array in arrays.items():

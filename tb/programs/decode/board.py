@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tomli_w import dumps
 
+from tb.programs.decode import session
+
 Floats = NDArray[np.float64]
 
 
@@ -86,32 +88,22 @@ class Board:
 
     def scene(self, nominal_ohm: float) -> dict[str, Any]:
         """Return the scene of the board as its user writes it: nominal parts, nothing of the sheet."""
-        return {
-            "array": {"rows": self.rows, "cols": self.cols},
-            "sensor": {"k_force_n_ohm": self.k_force_n_ohm},
-            "front_end": {
-                "circuit": "divider",
-                "full_scale": self.most,
-                "supply_v": self.supply_v,
-                "reference_v": self.reference_v,
-                "resistor_ohm": nominal_ohm,
-                "side": self.side,
-                "idle_rows": self.idle_rows,
-            },
+        circuit = {
+            "circuit": "divider",
+            "resistor_ohm": nominal_ohm,
+            "side": self.side,
+            "idle_rows": self.idle_rows,
         }
+        adc = {"full_scale": self.most, "supply_v": self.supply_v, "reference_v": self.reference_v}
+        size, sensor = {"rows": self.rows, "cols": self.cols}, {"k_force_n_ohm": self.k_force_n_ohm}
+        return {"array": size, "sensor": sensor, "front_end": circuit | adc}
 
     def session(self, directory: Path, loads: Floats, nominal_ohm: float, rng: np.random.Generator) -> Path:
         """Write the scene and a session of loads [loads, rows, cols] in newtons; return the session's file."""
         (directory / "board.toml").write_text(dumps(self.scene(nominal_ohm)))
-        lines = [f'[array]\nrows = {self.rows}\ncols = {self.cols}\n[start]\nscene = "board.toml"']
-        for n, load in enumerate(loads):
-            frames = 4 if self.noise_counts else 1
-            np.save(directory / f"counts_{n}.npy", self.counts(np.repeat(load[None], frames, axis=0), rng))
-            np.save(directory / f"force_{n}.npy", load[None])
-            lines.append(f'[[load]]\nname = "weight {n}"\nfile = "counts_{n}.npy"\nforce_n = "force_{n}.npy"')
-        path = directory / "session.toml"
-        path.write_text("\n\n".join(lines) + "\n")
-        return path
+        frames = 4 if self.noise_counts else 1
+        codes = [self.counts(np.repeat(load[None], frames, axis=0), rng) for load in loads]
+        return session.write_tables(directory, (self.rows, self.cols), 'scene = "board.toml"', loads, codes)
 
 
 def rectangles(rng: np.random.Generator, forces_n: Floats, rows: int, cols: int) -> Floats:
@@ -124,12 +116,12 @@ def rectangles(rng: np.random.Generator, forces_n: Floats, rows: int, cols: int)
     return loads
 
 
-def touches(rng: np.random.Generator, frames: int, rows: int, cols: int, peak_n: float = 12.0) -> Floats:
-    """Return frames of two or three round touches each, [frames, rows, cols] in newtons."""
+def touches(rng: np.random.Generator, frames: int, rows: int, cols: int) -> Floats:
+    """Return frames of two or three round touches of up to 6 N each, [frames, rows, cols] in newtons."""
     row, col = np.mgrid[:rows, :cols]
     out = np.zeros((frames, rows, cols))
     for frame in out:
         for _ in range(rng.integers(2, 4)):
             distance = np.hypot(row - rng.uniform(0, rows), col - rng.uniform(0, cols)) / rng.uniform(2, 6)
-            frame += rng.uniform(0.3, 1) * peak_n / 2 * np.maximum(1 - distance**2, 0)
+            frame += rng.uniform(0.3, 1) * 6.0 * np.maximum(1 - distance**2, 0)
     return out

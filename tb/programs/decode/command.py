@@ -61,16 +61,12 @@ def noise_free() -> verdict.Row:
 
 def tables() -> list[verdict.Row]:
     """Compare the published tables with their recomputation."""
-    found = {table: published.cells(table) for table in (4, 6)}
-    return [
-        *(
-            verdict.judge(f"decode.table{n}_miss", max(map(published.miss, cells)), f"{len(cells)} cells")
-            for n, cells in found.items()
-        ),
-        verdict.judge(
-            "decode.table6_worst", published.ours(*published.WORST), "published after two steps: 1.56 %"
-        ),
+    rows = [
+        verdict.judge(f"decode.table{n}_miss", max(map(published.miss, cells)), f"{len(cells)} cells")
+        for n, cells in ((n, published.cells(n)) for n in (4, 6))
     ]
+    worst = published.ours(*published.WORST)
+    return [*rows, verdict.judge("decode.table6_worst", worst, "published after two steps: 1.56 %")]
 
 
 def codes_of_force(plan: Plan, force: Floats) -> Floats:
@@ -80,10 +76,10 @@ def codes_of_force(plan: Plan, force: Floats) -> Floats:
     return plan.timing.gate_clocks * duty
 
 
-def identified(plan: Plan, forces_n: Floats, kind: str = "linear", seed: int = 0) -> Calibration:
+def identified(plan: Plan, forces_n: Floats, kind: str) -> Calibration:
     """Return the calibration that `dermis calibrate` makes of a simulated session of the plan's sheet."""
     with tempfile.TemporaryDirectory() as directory:
-        made, _ = calibrate.session(session.write(Path(directory), Skin(plan), forces_n, kind, seed))
+        made, _ = calibrate.session(session.write(Path(directory), Skin(plan), forces_n, kind))
         made.save(Path(directory) / "sheet.toml")
         return calibration.load(Path(directory) / "sheet.toml")
 
@@ -191,12 +187,12 @@ Trial = tuple[Calibration, Plan, Any]
 """A calibration, a scene of its sheet that it has not seen, and the engine that reads it."""
 
 
-def known_chips(count: int = 30) -> Iterator[Trial]:
+def known_chips() -> Iterator[Trial]:
     """Yield random sheets whose hysteresis and creep come from a cycle; every sixth has the chip's noise.
 
     Chip and network are known. Touches are other than the cycle. Noise is that of engine event.
     """
-    for seed in range(count):
+    for seed in range(30):
         rng = np.random.default_rng([SEED, 1, seed])
         effects, touch = random_world(rng), random_touch(rng)
         sheet = made(effects=effects if seed % 6 else effects | {"trace": False})
@@ -274,16 +270,9 @@ def board_force() -> verdict.Row:
     errors, notes = [], []
     for bits in (12, 10):
         rng = np.random.default_rng([SEED, 2])
-        size = {
-            "rows": 16,
-            "cols": 32,
-            "bits": bits,
-            "lateral_ohm": 1e3,
-            "reference_v": 1.1,
-            "multiplexer_ohm": 4.0,
-        }
-        parts = 22.0 * (1 + 0.01 * rng.uniform(-1, 1, 32)), np.exp(0.1 * rng.standard_normal((16, 32)))
-        sheet = board.Board(divider_ohm=parts[0], factor=parts[1], **size)  # type: ignore[arg-type]
+        divider_ohm = 22.0 * (1 + 0.01 * rng.uniform(-1, 1, 32))
+        factor = np.exp(0.1 * rng.standard_normal((16, 32)))
+        sheet = board.Board(16, 32, bits, divider_ohm, 1e3, factor, reference_v=1.1, multiplexer_ohm=4.0)
         with tempfile.TemporaryDirectory() as held:
             loads = board.rectangles(rng, np.geomspace(1.0, 12.0, 30), sheet.rows, sheet.cols)
             known, _ = calibrate.session(sheet.session(Path(held), loads, 22.0, rng))
@@ -324,7 +313,7 @@ def rates() -> list[verdict.Row]:
     cross = Skin(made(effects={"row_driver": True, "column_input": True, "lateral": True}))
     out = np.empty(force.shape, np.uint8)
     codes = cross.read(force)
-    places = Forces(*(np.empty(codes.shape) for _ in range(3)), np.empty(codes.shape, np.uint8))
+    places = Forces.empty(codes.shape)
 
     def seconds(work: Callable[[], Any]) -> list[float]:
         found = []

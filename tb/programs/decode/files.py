@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import warnings
 from collections.abc import Callable, Sequence
@@ -19,19 +20,20 @@ from dermis.errors import InputError
 Choose = Callable[[Sequence[Any]], Any]
 T_FRAME_S = 0.02
 
-NAMES: dict[str, Callable[[int, int, int, int], str]] = {
-    "r{r}c{c}": lambda r, c, rows, cols: f"r{r}c{c}",
-    "row1_col1": lambda r, c, rows, cols: f"row{r + 1}_col{c + 1}",
-    "c{c}_r{r}": lambda r, c, rows, cols: f"c{c}_r{r}",
-    "taxel_n": lambda r, c, rows, cols: f"taxel_{r * cols + c}",
-    "padded": lambda r, c, rows, cols: f"P{r * cols + c:04d}",
-    "from one": lambda r, c, rows, cols: f"p{r * cols + c + 1}",
-    "s[r][c]": lambda r, c, rows, cols: f"s[{r}][{c}]",
-    "bare": lambda r, c, rows, cols: f"{r * cols + c}",
-    "x{c}y{r}": lambda r, c, rows, cols: f"x{c}y{r}",
-    "h0_n": lambda r, c, rows, cols: f"hand0_{r * cols + c} [N]",
-}
-EXTRA = (
+NAMES = [
+    "r{r}c{c}",
+    "row{r1}_col{c1}",
+    "c{c}_r{r}",
+    "taxel_{n}",
+    "P{n:04d}",
+    "p{n1}",
+    "s[{r}][{c}]",
+    "{n}",
+    "x{c}y{r}",
+]
+NAMES += ["hand0_{n} [N]"]
+"""Names by row and column from 0 or 1, and by number; `name_of` fills them in."""
+EXTRA = [
     "sum",
     "cop_x",
     "flags",
@@ -44,16 +46,13 @@ EXTRA = (
     "p_max",
     "q1",
     "",
-)
-TIMES = {
-    "time": 1.0,
-    "time_ms": 1e3,
-    "Time [ms]": 1e3,
-    "t_us": 1e6,
-    "stamp_ns": 1e9,
-    "time (s)": 1.0,
-    "t": 1.0,
-}
+]
+TIMES = {"time": 1, "time_ms": 1e3, "Time [ms]": 1e3, "t_us": 1e6, "stamp_ns": 1e9, "time (s)": 1, "t": 1}
+
+
+def name_of(form: str, cols: int, r: int, c: int) -> str:
+    n = r * cols + c
+    return form.format(r=r, c=c, r1=r + 1, c1=c + 1, n=n, n1=n + 1)
 
 
 def text_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.ndarray]:
@@ -71,7 +70,7 @@ def text_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.nda
     def shown(value: float) -> str:
         return ("nan" if np.isnan(value) else f"{value:.6g}").replace(".", point)
 
-    taxels = [(r, c) for r in range(rows) for c in range(cols)]
+    taxels = list(np.ndindex(rows, cols))
     kind = choose(["names", "names", "names", "no names", "rows", "blocks"])
     if choose([False, False, True]):
         values[rng.integers(frames), rng.integers(rows), rng.integers(cols)] = np.nan
@@ -84,39 +83,29 @@ def text_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.nda
             if part is not None and (n > 0 or part):
                 lines.append(part.format(n))
             lines += [mark.join(map(shown, values[n, r])) for r in range(rows) if n * rows + r not in lost]
-            for r in range(rows):
-                if n * rows + r in lost:
-                    values[n, r] = np.nan
+        values.reshape(-1, cols)[list(lost)] = np.nan
         if part is not None:
-            values[np.isnan(values).any(axis=2).any(axis=1)] = np.nan
-        return (
-            "\n".join(lines).encode(),
-            options | {"rate_hz": 1 / T_FRAME_S},
-            values,
-            T_FRAME_S * np.arange(frames),
-        )
+            values[np.isnan(values).any(axis=(1, 2))] = np.nan
+        options["rate_hz"] = 1 / T_FRAME_S
+        return "\n".join(lines).encode(), options, values, T_FRAME_S * np.arange(frames)
     columns: list[tuple[str, list[str]]] = []
-    name = NAMES[choose(list(NAMES))]
+    name = functools.partial(name_of, choose(NAMES), cols)
     order = choose(["rows", "columns", "descending", "text", "shuffled"]) if kind == "names" else "rows"
     if order == "columns":
         taxels.sort(key=lambda at: at[::-1])
     elif order == "descending":
         taxels.reverse()
     elif order == "text":
-        taxels.sort(key=lambda at: name(*at, rows, cols))
+        taxels.sort(key=lambda at: name(*at))
     elif order == "shuffled":
         rng.shuffle(taxels)
     for r, c in taxels:
-        columns.append((name(r, c, rows, cols), [shown(v) for v in values[:, r, c]]))
+        columns.append((name(r, c), [shown(v) for v in values[:, r, c]]))
     for _ in range(choose([0, 0, 1, 2])):
         at = choose([0, len(columns), len(columns) // 2])
-        content = choose(["counter", "random", "word", "constant"])
-        cells = {
-            "counter": [shown(n * 0.5) for n in range(frames)],
-            "random": [shown(v) for v in rng.uniform(0, 9, frames)],
-            "word": ["palm"] * frames,
-            "constant": ["0"] * frames,
-        }[content]
+        numbers = 0.5 * np.arange(frames), rng.uniform(0, 9, frames)
+        counter, random = ([shown(v) for v in column] for column in numbers)
+        cells = choose([counter, random, ["palm"] * frames, ["0"] * frames])
         columns.insert(at, (choose(EXTRA), cells))
     if kind == "names" and choose([True, True, False]):
         title = choose(list(TIMES))
@@ -146,30 +135,35 @@ def array_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.nd
     return file.getvalue(), options | {"rate_hz": 1 / T_FRAME_S}, values, T_FRAME_S * np.arange(len(values))
 
 
-def outcome(path: Path, options: dict[str, Any], values: np.ndarray, time_s: np.ndarray) -> str:
-    """Read a file; return right, refused, warned or wrong. A reading with a warning may be wrong."""
+def read(path: Path, options: dict[str, Any]) -> tuple[recording.Recording | InputError, str]:
+    """Return a recording and its warnings, or the error and its line."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             found = recording.load(path, recording.Layout(**options))
         except InputError as error:
-            if "--" not in str(error) and "line" not in str(error):
-                raise AssertionError(f"a refusal without a remedy: {error}") from error
-            return "refused"
-    absent = np.isnan(values).all(axis=0)
-    same = found.values.shape == values.shape and np.array_equal(
-        np.where(absent, 0, found.values), np.where(absent, 0, values), equal_nan=True
-    )
+            return error, str(error)
+    return found, " ".join(str(said.message) for said in caught)
+
+
+def outcome(path: Path, options: dict[str, Any], values: np.ndarray, time_s: np.ndarray) -> str:
+    """Read a file; return right, refused, warned or wrong. A reading with a warning may be wrong."""
+    found, said = read(path, options)
+    if isinstance(found, InputError):
+        assert "--" in said or "line" in said, f"a refusal without a remedy: {said}"
+        return "refused"
+    wanted = np.where(np.isnan(values).all(axis=0), 0, values)
     # Nine digits of a time of 100 s.
-    if same and np.allclose(found.time_s, time_s - time_s[0], atol=2e-6, rtol=0):
+    if np.array_equal(found.values, wanted, equal_nan=True) and np.allclose(
+        found.time_s, time_s - time_s[0], atol=2e-6, rtol=0
+    ):
         return "right"
-    return "warned" if caught else "wrong"
+    return "warned" if said else "wrong"
 
 
 def count(directory: Path, examples: int, shrink: bool = True) -> dict[str, int]:
     """Draw files with Hypothesis and count the outcomes; a wrong one ends with its smallest example."""
     counts = dict.fromkeys(("right", "refused", "warned", "wrong"), 0)
-
     phases = (Phase.generate, Phase.shrink) if shrink else (Phase.generate,)
 
     @settings(
@@ -179,7 +173,7 @@ def count(directory: Path, examples: int, shrink: bool = True) -> dict[str, int]
     @given(st.data())
     def drawn(data: st.DataObject) -> None:
         def choose(options: Sequence[Any]) -> Any:
-            return data.draw(st.sampled_from(list(options)))
+            return data.draw(st.sampled_from(options))
 
         text = choose([True, True, True, False])
         content, options, values, time_s = (text_file if text else array_file)(choose)

@@ -7,7 +7,6 @@ import gzip
 import io
 import shutil
 import tempfile
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,8 +22,9 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from dermis.decode import recording
 from dermis.errors import InputError
+from dermis.report import output
+from tb.programs.decode import files
 
 Floats = NDArray[np.float64]
 
@@ -39,24 +39,12 @@ STAMPS = [EPOCH_NS + 20_000_000 * n for n in range(COUNT)]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A file and the truth about it.
+    """A file and the truth about it; None: that of the known recording.
 
-    Attributes
-    ----------
-    file : str
-        Its name.
-    content : str, bytes or callable
-        The content, or a program that writes the file.
-    options : dict
-        Of `recording.Layout`.
-    values, time_s : ndarray or None
-        [frames, rows, cols], NaN where a value is missing or, in every frame, where there is no taxel; [frames] in
-        seconds from the first. None: those of the known recording.
-    unit, area_mm2 : str or None, float or None
-    asks : str
-        Option that the question must name, for a file that does not tell the answer.
-    says : str
-        Words of a warning.
+    `content` may be a program that writes the file, `options` are those of `recording.Layout`. `values` [frames, rows,
+    cols] are NaN where a value is missing or, in every frame, where there is no taxel; `time_s` counts from the first
+    frame. `asks` is the option that the question must name, for a file that does not tell the answer; `says` are words
+    of a warning.
     """
 
     file: str
@@ -77,16 +65,12 @@ def fault(case: Case, directory: Path) -> str | None:
         case.content(path)
     else:
         path.write_bytes(case.content.encode() if isinstance(case.content, str) else case.content)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            found = recording.load(path, recording.Layout(**case.options))
-        except InputError as error:
-            said = str(error)
-            return None if case.asks and case.asks in said and "\n" not in said else f"refused: {said}"
+    found, said = files.read(path, case.options)
+    if isinstance(found, InputError):
+        return None if case.asks and case.asks in said and "\n" not in said else f"refused: {said}"
     if case.asks:
         return f"read as {found.values.shape}, {found.order}; {case.asks} is not asked for"
-    if case.says not in " ".join(str(said.message) for said in caught):
+    if case.says not in said:
         return f"no warning: {case.says}"
     values = FRAMES if case.values is None else case.values
     time_s = TIME if case.time_s is None else case.time_s
@@ -109,10 +93,10 @@ def fault(case: Case, directory: Path) -> str | None:
     return None
 
 
-def faults(cases: dict[str, Case] | None = None) -> dict[str, str]:
+def faults() -> dict[str, str]:
     """Return the faults of all files by their names."""
     found = {}
-    for name, case in (CASES if cases is None else cases).items():
+    for name, case in CASES.items():
         with tempfile.TemporaryDirectory() as held:
             if (said := fault(case, Path(held))) is not None:
                 found[name] = said
@@ -136,7 +120,7 @@ def table(
     middle: dict[str, Sequence[str]] | None = None,
 ) -> str:
     """Return a text with a frame a line: columns `lead`, the taxels by `order`, and columns amid the taxels."""
-    places = [(r, c) for r in range(ROWS) for c in range(COLS)]
+    places = list(np.ndindex(ROWS, COLS))
     if order in ("F", "text"):
         places.sort(key=(lambda at: at[::-1]) if order == "F" else lambda at: name(*at))
     elif order == "descending":
@@ -149,37 +133,34 @@ def table(
     return "\n".join(lines) + "\n"
 
 
-def flat(r: int, c: int) -> str:
-    return f"p{r * COLS + c}"
+def flat(r: int, c: int, start: str = "p") -> str:
+    return f"{start}{r * COLS + c}"
 
 
 def seconds(factor: float = 1.0, start: float = 0.0) -> list[str]:
     return [f"{start + t * factor:.12g}" for t in TIME]
 
 
-def blocks(part: str, lost: Sequence[tuple[int, int]] = (), point: str = ".", mark: str = ",") -> str:
+def blocks(part: str, lost: Sequence[tuple[int, int]] = ()) -> str:
     """Return a text with a row a line, and `part` before every frame."""
     lines = []
     for n, frame in enumerate(FRAMES):
         lines.append(part.format(n=n, t=0.02 * n))
-        lines += [mark.join(cells(row, point)) for r, row in enumerate(frame) if (n, r) not in lost]
+        lines += [",".join(cells(row)) for r, row in enumerate(frame) if (n, r) not in lost]
     return "\n".join(lines) + "\n"
 
 
-def without(frames: Sequence[int] = (), cell: tuple[int, int, int] | None = None) -> Floats:
+def without(at: Any) -> Floats:
+    """Return the known recording with missing values at an index."""
     values = FRAMES.copy()
-    values[list(frames)] = np.nan
-    if cell is not None:
-        values[cell] = np.nan
+    values[at] = np.nan
     return values
 
 
 def gap(cell: str) -> str:
     """Return a table whose frame 3 has no number in row 0, column 5."""
     lines = table(flat, {"time": seconds()}).splitlines()
-    row = lines[4].split(",")
-    row[6] = cell
-    lines[4] = ",".join(row)
+    lines[4] = lines[4].replace(f",{FRAMES[3, 0, 5]:g},", f",{cell},", 1)
     return "\n".join(lines)
 
 
@@ -187,27 +168,33 @@ def gap(cell: str) -> str:
 
 
 def tekscan(
-    unit: str, space: str, label: str, end: str = "", skip: Sequence[int] = (), point: str = "."
+    unit: str, space: str, label: str, end: str = "", lost: int = -1, point: str = ".", step: str = "0.02"
 ) -> str:
     """Return an export of Tekscan; row 0, column 5 has no sensel."""
     head = ["DATA_TYPE MOVIE", f"ROWS {ROWS}", f"COLS {COLS}", f"ROW_SPACING {space}", f"COL_SPACING {space}"]
-    head += ["SECONDS_PER_FRAME 0.02", f"UNITS {unit}", "ASCII_DATA @@"]
+    head += [f"SECONDS_PER_FRAME {step}", f"UNITS {unit}", "ASCII_DATA @@"]
     lines, mark = [line + end for line in head], ";" if point == "," else ","
     for n, frame in enumerate(FRAMES):
-        if n not in skip:
+        if n != lost:
             rows = [cells(row, point) for row in frame]
             rows[0][5] = "B"
             lines += ["", label.format(n=n + 1, t=0.02 * n), *map(mark.join, rows)]
     return "\n".join([*lines, "@@"]) + "\n"
 
 
-def xsensor(order: str = "left right") -> str:
+def of_tekscan(unit: str, space: str, label: str, factor: float = 1.0, **more: Any) -> Case:
+    """Return the case of an export of Tekscan of 25 mm2 a taxel, in newtons or in kPa times a factor."""
+    name = "newtons" if unit == "N" else "kpa"
+    return Case("a.asf", tekscan(unit, space, label, **more), {}, NO_SENSEL * factor, None, name, 25.0)
+
+
+def xsensor() -> str:
     """Return an export of XSENSOR with two sensors; the right one has the known recording, the left one half of it."""
     lines = ["\ufeffFile:,x", "Units:,mmHg"]
     for n, frame in enumerate(FRAMES):
         clock = f"23:59:{59.9 + 0.02 * n:06.3f}" if n < 5 else f"00:00:{0.02 * n - 0.1:06.3f}"
         lines += [f"FRAME,{n}", f"Time, {clock}"]
-        for part in order.split():
+        for part in ("left", "right"):
             lines += [f"SENSOR,{part}", f"Rows,{ROWS}", f"Columns,{COLS}", "Sensel Width (cm),0.5"]
             lines += ["Sensel Height (cm),0.4", "SENSELS"]
             lines += [",".join(cells(row * (0.5 if part == "left" else 1))) + ",,," for row in frame]
@@ -217,9 +204,8 @@ def xsensor(order: str = "left right") -> str:
 
 def emed() -> str:
     """Return a list of novel emed: rows 21 to 24, columns 11 to 16, two pages a picture, sums at the margins."""
-    head = (
-        "File: x\tMatrix: 64x95\n\tSensor area: 0.25 cm²\tTime/picture:20.0 ms\nSensor size: 0.500x0.500 cm\n"
-    )
+    head = "File: x\tMatrix: 64x95\n\tSensor area: 0.25 cm²\tTime/picture:20.0 ms"
+    head += "\nSensor size: 0.500x0.500 cm\n"
     lines = [head]
     for n, frame in enumerate(FRAMES):
         for half in (range(3), range(3, 6)):
@@ -252,10 +238,7 @@ def pedar() -> str:
     return NOVEL + "\n".join(lines)
 
 
-NO_COLUMNS = FRAMES.copy()
-NO_COLUMNS[:, :, :2] = np.nan
-NO_SENSEL = FRAMES.copy()
-NO_SENSEL[:, 0, 5] = np.nan
+NO_COLUMNS, NO_SENSEL = without(np.s_[:, :, :2]), without(np.s_[:, 0, 5])
 
 # ---- binary files
 
@@ -284,8 +267,7 @@ def parquet(made: dict[str, Any]) -> Callable[[Path], None]:
 
 def columns(name: Callable[[int, int], str], order: str = "C") -> dict[str, Floats]:
     """Return the columns of the taxels by name, row by row or column by column."""
-    places = [(r, c) for r in range(ROWS) for c in range(COLS)]
-    places.sort(key=lambda at: at[::-1] if order == "F" else at)
+    places = sorted(np.ndindex(ROWS, COLS), key=lambda at: at[::-1] if order == "F" else at)
     return {name(*at): FRAMES[:, *at] for at in places}
 
 
@@ -325,16 +307,12 @@ def image(ns: int, frame: NDArray[Any], encoding: str, pad: int = 0) -> Any:
     rows = frame.reshape(len(frame), -1).view(np.uint8)
     big = frame.dtype.byteorder == ">"
     data = np.pad(rows, ((0, 0), (0, pad)), constant_values=77)
-    return T["sensor_msgs/msg/Image"](
-        header(ns), *frame.shape[:2], encoding, int(big), data.shape[1], data.ravel()
-    )
+    said = *frame.shape[:2], encoding, int(big), data.shape[1]
+    return T["sensor_msgs/msg/Image"](header(ns), *said, data.ravel())
 
 
 def bag(
-    topics: dict[str, tuple[str, Sequence[Any]]],
-    storage: str = "mcap",
-    file: bool = False,
-    received: Sequence[int] = STAMPS,
+    topics: dict[str, Topic], storage: str = "mcap", file: bool = False, received: Sequence[int] = STAMPS
 ) -> Callable[[Path], None]:
     """Return a program that writes a bag, or its one file, of messages by topic, each with its type."""
 
@@ -351,78 +329,66 @@ def bag(
     return write
 
 
-def touch(ns: int, frame: Floats) -> Any:
-    flat32 = frame.astype(np.float32).ravel()
-    return T["skin/msg/Touch"](header(ns), ROWS, COLS, flat32, 0 * flat32)
-
-
 SINGLE = FRAMES.astype(np.float32).astype(float)
 
 
-def arrays(kind: str, made: Callable[[Floats], NDArray[Any]], *told: Any) -> tuple[str, list[Any]]:
-    """Return the type and the messages of multi-arrays of the known recording, in hundredths for whole numbers."""
+def single(frame: Floats) -> NDArray[np.float32]:
+    return frame.astype("f4").ravel()
+
+
+Topic = tuple[str, Sequence[Any]]
+"""Type of the messages of a topic, and the messages."""
+
+
+def messages(kind: str, made: Callable[[int, Any], Any], frames: Floats = FRAMES) -> Topic:
+    """Return the type and the messages of a recording."""
+    return kind, [made(ns, f) for ns, f in zip(STAMPS, frames, strict=True)]
+
+
+def arrays(kind: str, made: Callable[[Floats], NDArray[Any]], *told: Any) -> Topic:
+    """Return multi-arrays of the known recording, in hundredths for whole numbers."""
     frames = FRAMES if kind.startswith("Float") else WHOLE
-    return f"std_msgs/msg/{kind}MultiArray", [multi(made(f), kind, *told) for f in frames]
+    return messages(f"std_msgs/msg/{kind}MultiArray", lambda _, f: multi(made(f), kind, *told), frames)
 
 
-def images(made: Callable[[Floats], NDArray[Any]], encoding: str, pad: int = 0) -> tuple[str, list[Any]]:
-    """Return the type and the messages of images of the known recording, in hundredths for whole numbers."""
+def images(made: Callable[[Floats], NDArray[Any]], encoding: str, pad: int = 0) -> Topic:
+    """Return images of the known recording, in hundredths for whole numbers."""
     frames = FRAMES if "F" in encoding else WHOLE
-    made_of = [image(ns, made(f), encoding, pad) for ns, f in zip(STAMPS, frames, strict=True)]
-    return "sensor_msgs/msg/Image", made_of
+    return messages("sensor_msgs/msg/Image", lambda ns, f: image(ns, made(f), encoding, pad), frames)
 
 
-SINGLE = FRAMES.astype(np.float32).astype(float)
-FLOATS = arrays("Float32", lambda f: f.astype("f4").ravel())
-DIMS = [("rows", 4, 24), ("cols", 6, 6)]
-DOUBLES = arrays("Float64", np.ravel, DIMS)
-TURNED = arrays("Int32", lambda f: f.T.astype("i4").ravel(), [("cols", 6, 24), ("rows", 4, 4)])
-SHEAR = images(lambda f: np.stack([0 * f, f, f + 1], 2).astype("<f4"), "32FC3")
-BIG = images(lambda f: f.astype(">u2"), "16UC1", 4)
-LATER = BIG[0], [*BIG[1][:4], BIG[1][5], BIG[1][4], *BIG[1][6:]]
-OWN = "skin/msg/Touch", [touch(ns, f) for ns, f in zip(STAMPS, FRAMES, strict=True)]
-
-
-STAMPED = (
-    "skin/msg/Stamped",
-    [
-        T["skin/msg/Stamped"](
-            T["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9), f.astype("f4").ravel()
-        )
-        for ns, f in zip(STAMPS, FRAMES, strict=True)
-    ],
-)
-LISTED = (
-    "skin/msg/Listed",
-    [
-        T["skin/msg/Listed"](
-            header(ns), [T["sensor_msgs/msg/ChannelFloat32"]("palm", f.astype("f4").ravel())]
-        )
-        for ns, f in zip(STAMPS, FRAMES, strict=True)
-    ],
-)
+def own(kind: str, made: Callable[[int, Any], Sequence[Any]]) -> Topic:
+    """Return messages of a type of this program with the fields that `made` returns."""
+    return messages(f"skin/msg/{kind}", lambda ns, f: T[f"skin/msg/{kind}"](*made(ns, f)))
 
 
 def padded(frame: Floats) -> NDArray[np.int16]:
     return np.r_[-7, -7, np.pad(frame, ((0, 0), (0, 2)), constant_values=-9).ravel()].astype(np.int16)
 
 
+FLOATS = arrays("Float32", single)
+DIMS = [("rows", 4, 24), ("cols", 6, 6)]
+DOUBLES = arrays("Float64", np.ravel, DIMS)
+TURNED = arrays("Int32", lambda f: f.T.astype("i4").ravel(), [("cols", 6, 24), ("rows", 4, 4)])
+SHEAR = images(lambda f: np.stack([0 * f, f, f + 1], 2).astype("<f4"), "32FC3")
+BIG = images(lambda f: f.astype(">u2"), "16UC1", 4)
+LATER = BIG[0], [*BIG[1][:4], BIG[1][5], BIG[1][4], *BIG[1][6:]]
+OWN = own("Touch", lambda ns, f: (header(ns), ROWS, COLS, single(f), 0 * single(f)))
+STAMPED = own("Stamped", lambda ns, f: (header(ns).stamp, single(f)))
+LISTED = own("Listed", lambda ns, f: (header(ns), [T["sensor_msgs/msg/ChannelFloat32"]("palm", single(f))]))
 LATE = [ns + 3_000_000 * (n % 3) for n, ns in enumerate(STAMPS)]
 """Times of reception that jitter by up to 6 ms."""
 
 DATES = [f"25.04.2023 10:49:00,{20 * n:03d}" for n in range(COUNT)]
-OWN_OUTPUT = "frame,time_s,row," + ",".join(f"c{c}" for c in range(COLS)) + "\n" + "".join(
-    f"{n},{0.02 * n:.6f},{r}," + ",".join(cells(row)) + "\n" for n, f in enumerate(FRAMES) for r, row in enumerate(f)
-)  # fmt: skip
+OWN_OUTPUT = output.csv_of(FRAMES, "g", TIME)
 
 
 def csv(
     name: Callable[[int, int], str] | None, lead: dict[str, Sequence[str]], asks: str = "", **of: Any
 ) -> Case:
     """Return the case of a csv of a known size."""
-    return Case(
-        "a.csv", table(name, lead, **of), SIZE if "time" in " ".join(lead).lower() else SIZE | RATE, asks=asks
-    )
+    options = SIZE if "time" in " ".join(lead).lower() else SIZE | RATE
+    return Case("a.csv", table(name, lead, **of), options, asks=asks)
 
 
 def by_time(name: Callable[[int, int], str], order: str = "C", asks: str = "", **options: int) -> Case:
@@ -433,7 +399,7 @@ def by_time(name: Callable[[int, int], str], order: str = "C", asks: str = "", *
 # From the definitions: a standard atmosphere is 101.325 kPa, 760 mmHg and 14.69595 psi.
 PSI = 101.325 / 14.69595
 MMHG = 101.325 / 760
-WIDE = np.arange(5.0 * 256).reshape(5, 8, 32)
+WIDE, WIDE_SIZE = np.arange(5.0 * 256).reshape(5, 8, 32), {"rows": 8, "cols": 32}
 HANDS = np.stack([0 * FRAMES, FRAMES], 1)
 LINES = [f"Frame {n}\n" + ",".join(cells(f.ravel())) for n, f in enumerate(FRAMES)]
 LINES_LOST = "\n".join(LINES[:4] + LINES[5:])
@@ -442,31 +408,54 @@ WITH_UNITS = table(flat, {"time": seconds(1e3)}).replace("\n", f"\n{UNITS}\n", 1
 INDEX = {"": [str(n) for n in range(COUNT)]}
 SUM = {"sum": ["7"] * COUNT, "time": seconds()}
 IMU = {"imu_0": ["5"] * COUNT, "imu_1": ["6"] * COUNT}
+ROS = {"%time": list(map(str, STAMPS)), "field.header.seq": INDEX[""]}
+ROS["field.header.frame_id"] = ["palm"] * COUNT
+WORDS = {"hand": ["left"] * COUNT, "place": ["palm"] * COUNT}
 PAIR = {"stamp.sec": [str(s // 10**9) for s in STAMPS], "stamp.nanosec": [str(s % 10**9) for s in STAMPS]}
 WRAPPED = {"time_us": [str((2**32 - 50_000 + 20_000 * n) % 2**32) for n in range(COUNT)]}
 LIST = "".join(f'{t:.2f},"[{", ".join(cells(f.ravel()))}]"\n' for t, f in zip(TIME, FRAMES, strict=True))
 QUOTED = table(flat, {"time": seconds()}, mark='","').strip().replace("\n", '"\n"')
 KPA25 = {"unit": "kpa", "area_mm2": 25.0}
 LOST = np.delete(NO_SENSEL, 9, 0), np.delete(TIME, 9)
+LOST_LINE = np.delete(FRAMES, 4, 0), np.delete(TIME, 4)
+LOST_ROWS = [(7, 3), (8, 0)]
+BLANK_LINES = table(None).replace("\n", "\r\n\r\n")
+GAPS = ("nan", "", "-", "null", "N/A")
+STRIDES = arrays("Float64", np.ravel, [("rows", 4, 6), ("cols", 6, 1)])
+OVERLAP = arrays("Float64", np.ravel, [("rows", 4, 3), ("cols", 6, 3)])
+TWICE = arrays("Float64", lambda f: np.r_[f, f].ravel(), DIMS)
+RGB = images(lambda f: np.zeros((4, 6, 3), "u1"), "rgb8")
+SINGLES = images(lambda f: f.astype("<f4"), "32FC1")
+PADDED = arrays("Int16", padded, [("y", 4, 32), ("x", 6, 8)], 2)
+SOME_NAMES = {"t": TIME, **columns(lambda r, c: flat(r, c) if r < 3 else f"p{r * COLS + c + 5}")}
+RECEPTION = {"time_key": "reception"}
+HEARD_S = (np.array(LATE) - LATE[0]) * 1e-9
 
 CASES: dict[str, Case] = {
     # Names and orders.
     "names by columns": by_time(lambda r, c: f"r{r}c{c}", "F"),
     "names descending": by_time(flat, "descending", **SIZE),
-    "names sorted as text": by_time(lambda r, c: f"taxel_{r * COLS + c}", "text", **SIZE),
+    "names sorted as text": by_time(lambda r, c: flat(r, c, "taxel_"), "text", **SIZE),
     "names from one": by_time(lambda r, c: f"row{r + 1}_col{c + 1}", "descending"),
     "names with brackets": by_time(lambda r, c: f"s[{r}][{c}]", "F"),
-    "numbers as names": csv(lambda r, c: f"{r * COLS + c}", {}),
-    "numbers and an index": csv(lambda r, c: f"{r * COLS + c}", INDEX),
+    "numbers as names": csv(lambda r, c: flat(r, c, ""), {}),
+    "numbers and an index": csv(lambda r, c: flat(r, c, ""), INDEX),
     "names of some": by_time(lambda r, c: flat(r, c) if (r, c) != (2, 2) else "q", asks="--taxels"),
     "two arrays in names": by_time(lambda r, c: f"{'lr'[r % 2]}_{r // 2 * COLS + c}", asks="--part"),
     "columns amid taxels": csv(flat, SUM, middle=IMU),
+    "names of a ROS export": csv(lambda r, c: flat(r, c, "field.data"), ROS),
+    "spaces": csv(None, {}, mark="  "),
+    "semicolons, decimal commas": csv(None, {}, mark=";", point=","),
+    "words to skip": Case("a.csv", table(None, WORDS), SIZE | RATE | {"skip": 2}),
+    "marks at the ends": Case("a.csv", "# by hand\n" + table(None).replace("\n", ",\n"), SIZE | RATE),
     # Times.
     "time_ms": csv(flat, {"time_ms": seconds(1e3)}),
     "Time [ms]": csv(flat, {"time [ms]": seconds(1e3)}),
     "time in us": csv(flat, {"time_us": seconds(1e6)}),
     "stamps in ns": csv(flat, {"timestamp": list(map(str, STAMPS))}),
     "sec and nanosec": Case("a.csv", table(flat, PAIR), SIZE),
+    "sec and nanosec without names": Case("a.csv", table(None, PAIR), SIZE),
+    "a column of time by number": Case("a.csv", table(None, {"": seconds()}), SIZE | {"time_key": "0"}),
     "a counter that wraps": Case("a.csv", table(flat, WRAPPED), SIZE, says="2^32"),
     "a clock since power-on": csv(flat, {"timestamp": seconds(1e6, 1.5e9)}, "--time-unit"),
     "time in minutes": csv(flat, {"Time [min]": seconds(1 / 60)}),
@@ -478,61 +467,29 @@ CASES: dict[str, Case] = {
     "a first column that rises": Case("a.csv", table(None, {"": seconds(0.5)}), SIZE, asks="--time-key"),
     "decimal commas and dotted dates": csv(flat, {"time": DATES}, mark=";", point=","),
     # Frames of several lines, missing cells.
-    "blank lines, lost rows": Case(
-        "a.csv", blocks("", [(7, 3), (8, 0)]), RATE, without([7, 8]), says="frame 8 has 3 of 4 lines"
-    ),
-    "comments, lost rows": Case("a.csv", blocks("# frame {n}", [(7, 3)]), RATE, without([7])),
+    "blank lines, lost rows": Case("a.csv", blocks("", LOST_ROWS), RATE, without([7, 8]), says="8 has 3 of"),
+    "comments, lost rows": Case("a.csv", blocks("# frame {n}", LOST_ROWS), SIZE | RATE, without([7, 8])),
     "labels with times": Case("a.csv", blocks("Frame {n} ({t:.2f} s)"), SIZE),
-    "labels of frames of a line, one lost": Case(
-        "a.csv",
-        LINES_LOST,
-        SIZE | RATE,
-        np.delete(FRAMES, 4, 0),
-        np.delete(TIME, 4),
-        says="1 frame lost",
-    ),
+    "labels of lines, one lost": Case("a.csv", LINES_LOST, SIZE | RATE, *LOST_LINE, says="1 frame lost"),
     "its own output": Case("a.csv", OWN_OUTPUT),
-    "missing cell nan": Case("a.csv", gap("nan"), SIZE, without(cell=(3, 0, 5))),
-    "missing cell empty": Case("a.csv", gap(""), SIZE, without(cell=(3, 0, 5))),
-    "missing cell -": Case("a.csv", gap("-"), SIZE, without(cell=(3, 0, 5))),
-    "missing cell null": Case("a.csv", gap("null"), SIZE, without(cell=(3, 0, 5))),
+    **{f"missing cell {cell}": Case("a.csv", gap(cell), SIZE, without((3, 0, 5))) for cell in GAPS},
     # Codings and quotes.
     "UTF-16": Case("a.txt", table(flat, {"time [µs]": seconds(1e6)}, mark="\t").encode("utf-16"), SIZE),
     "Latin-1": Case("a.csv", table(flat, {"°": ["1"] * COUNT, "t": seconds()}).encode("latin-1"), SIZE),
+    "a byte order mark, blank lines": Case("a.csv", "\ufeff" + BLANK_LINES, SIZE | RATE),
     "quoted cells": Case("a.csv", f'"{QUOTED}"', SIZE),
     "a list in one column": Case("a.csv", "time,data\n" + LIST, SIZE),
     "csv.gz": Case("a.csv.gz", gzip.compress(table(flat, {"t": seconds()}).encode()), SIZE),
     # Makers.
-    "Tekscan, kPa": Case("a.asf", tekscan("KPa", "5 mm", "Frame {n}"), {}, NO_SENSEL, **KPA25),
-    "Tekscan, psi": Case("a.csv", tekscan("PSI", "0.5 cm", "Frame {n}", ",,,"), {}, NO_SENSEL * PSI, **KPA25),
-    "Tekscan, mmHg": Case(
-        "a.asf", tekscan("mmHg", "0.19685039 inches", "Frame {n}"), {}, NO_SENSEL * MMHG, **KPA25
-    ),
-    "Tekscan, N/cm2": Case("a.asf", tekscan("N/cm2", "5 mm", "Frame {n}"), {}, NO_SENSEL * 10, **KPA25),
-    "Tekscan, N, stamps, decimal commas": Case(
-        "a.csv",
-        tekscan("N", "5 mm", "Frame {n} ({t:.3f} s)", ";;", point=","),
-        {},
-        NO_SENSEL,
-        None,
-        "newtons",
-        25.0,
-    ),
+    "Tekscan, kPa": of_tekscan("KPa", "5 mm", "Frame {n}"),
+    "Tekscan, psi": of_tekscan("PSI", "0.5 cm", "Frame {n}", PSI, end=",,,"),
+    "Tekscan, mmHg": of_tekscan("mmHg", "0.19685039 inches", "Frame {n}", MMHG),
+    "Tekscan, N/cm2": of_tekscan("N/cm2", "5 mm", "Frame {n}", 10),
+    "Tekscan, N, stamps, commas": of_tekscan("N", "5 mm", "Frame {n} ({t:.3f} s)", end=";;", point=","),
     "Tekscan, raw, a lost frame": Case(
-        "a.asf",
-        tekscan("Raw", "5 mm", "Frame {n}", skip=[9]),
-        {},
-        *LOST,
-        area_mm2=25.0,
-        says="1 frame lost",
+        "a.asf", tekscan("Raw", "5 mm", "Frame {n}", lost=9), {}, *LOST, area_mm2=25.0, says="1 frame lost"
     ),
-    "Tekscan, exponents": Case(
-        "a.asf",
-        tekscan("KPa", "5.0e-1 cm", "Frame {n}").replace("FRAME 0.02", "FRAME 2.0E-02"),
-        {},
-        NO_SENSEL,
-        **KPA25,
-    ),
+    "Tekscan, exponents": of_tekscan("KPa", "5.0e-1 cm", "Frame {n}", step="2.0E-02"),
     "XSENSOR, two sensors": Case("a.csv", xsensor(), {}, asks="--part"),
     "XSENSOR, one of two": Case("a.csv", xsensor(), {"part": 2}, FRAMES * MMHG, None, "kpa", 20.0),
     "novel emed": Case("a.lst", emed().encode("latin-1"), {}, **KPA25),
@@ -545,72 +502,37 @@ CASES: dict[str, Case] = {
     "npy, taxels first": Case("a.npy", npy(FRAMES.reshape(COUNT, -1).T), SIZE | RATE),
     "npy, two hands": Case("a.npy", npy(HANDS), SIZE | RATE, asks="--axes"),
     "npy, one of two hands": Case("a.npy", npy(HANDS), RATE | {"axes": ("frames", 1, "rows", "cols")}),
-    "npy, 256 columns": Case(
-        "a.npy", npy(WIDE.reshape(5, 256)), RATE | {"rows": 8, "cols": 32}, WIDE, TIME[:5]
-    ),
+    "npy, 256 columns": Case("a.npy", npy(WIDE.reshape(5, -1)), RATE | WIDE_SIZE, WIDE, TIME[:5]),
     "MATLAB 5": Case("a.mat", mat),
     "MATLAB 7.3": Case("a.mat", mat73),
     # Parquet.
     "Parquet": Case("a.parquet", parquet({"time_ms": TIME * 1e3, **columns(lambda r, c: f"r{r}c{c}", "F")})),
     "Parquet, a list and stamps": Case("a.parquet", parquet(LISTS), SIZE),
     "Parquet, rows of lists": Case("a.pq", parquet({"t": TIME, "force": FRAMES.tolist()})),
-    "Parquet, names of some": Case(
-        "a.parquet",
-        parquet({"t": TIME, **columns(lambda r, c: f"p{r * COLS + c + (r == 3) * 5}")}),
-        asks="--taxels",
-    ),
+    "Parquet, names of some": Case("a.parquet", parquet(SOME_NAMES), asks="--taxels"),
     "Parquet of pandas, two levels of names": Case("a.parquet", levels),
     # ROS 2 bags.
     "mcap, Float32MultiArray": Case("a", bag({"/skin": FLOATS}), SIZE, SINGLE),
     "sqlite3, Float64MultiArray": Case("a", bag({"/skin": DOUBLES}, "sqlite3")),
     "one mcap file": Case("a.mcap", bag({"/skin": DOUBLES}, file=True)),
     "one db3 file": Case("a.db3", bag({"/skin": DOUBLES}, "sqlite3", file=True)),
-    "strides of each dimension": Case(
-        "a", bag({"/skin": arrays("Float64", np.ravel, [("rows", 4, 6), ("cols", 6, 1)])})
-    ),
-    "strides that overlap": Case(
-        "a",
-        bag({"/skin": arrays("Float64", np.ravel, [("rows", 4, 3), ("cols", 6, 3)])}),
-        {"key": "/skin"},
-        asks="--rows",
-    ),
-    "Int16MultiArray, padding": Case(
-        "a", bag({"/skin": arrays("Int16", padded, [("y", 4, 32), ("x", 6, 8)], 2)}), {}, WHOLE
-    ),
+    "strides of each dimension": Case("a", bag({"/skin": STRIDES})),
+    "strides that overlap": Case("a", bag({"/skin": OVERLAP}), {"key": "/skin"}, asks="--rows"),
+    "Int16MultiArray, padding": Case("a", bag({"/skin": PADDED}), {}, WHOLE),
     "Int32MultiArray, columns first": Case("a", bag({"/skin": TURNED}), {}, WHOLE),
     "16UC1, big-endian, padding": Case("a", bag({"/skin": BIG}, received=LATE), {}, WHOLE),
     "32SC1": Case("a", bag({"/skin": images(lambda f: f.astype("<i4"), "32SC1")}), {}, WHOLE),
-    "32FC1": Case(
-        "a", bag({"/skin": images(lambda f: f.astype("<f4"), "32FC1")}, "sqlite3", received=LATE), {}, SINGLE
-    ),
+    "32FC1": Case("a", bag({"/skin": SINGLES}, "sqlite3", received=LATE), {}, SINGLE),
     "32FC3": Case("a", bag({"/skin": SHEAR}), asks="--axes"),
     "a channel of 32FC3": Case("a", bag({"/skin": SHEAR}), {"axes": ("frames", "rows", "cols", 1)}, SINGLE),
-    "rgb8": Case(
-        "a",
-        bag({"/skin": images(lambda f: np.zeros((4, 6, 3), "u1"), "rgb8")}),
-        {"key": "/skin"},
-        asks="mono16",
-    ),
+    "rgb8": Case("a", bag({"/skin": RGB}), {"key": "/skin"}, asks="mono16"),
     "two topics": Case("a", bag({"/skin": DOUBLES, "/other": DOUBLES}), asks="--key"),
     "one of two topics": Case("a", bag({"/skin": DOUBLES, "/other": FLOATS}), {"key": "/skin"}),
-    "a field of an own message": Case(
-        "a", bag({"/skin": OWN}, received=LATE), {"key": "/skin.force"}, SINGLE
-    ),
-    "times of reception": Case(
-        "a",
-        bag({"/skin": BIG}, received=LATE),
-        {"time_key": "reception"},
-        WHOLE,
-        (np.array(LATE) - LATE[0]) * 1e-9,
-    ),
+    "a field of an own message": Case("a", bag({"/a": OWN}, received=LATE), {"key": "/a.force"}, SINGLE),
+    "times of reception": Case("a", bag({"/skin": BIG}, received=LATE), RECEPTION, WHOLE, HEARD_S),
     "a stamp without a header": Case("a", bag({"/skin": STAMPED}, received=LATE), SIZE, SINGLE),
     "a list of messages": Case("a", bag({"/skin": LISTED}), SIZE, SINGLE),
-    "two frames in a message": Case(
-        "a",
-        bag({"/skin": arrays("Float64", lambda f: np.r_[f, f].ravel(), DIMS)}),
-        {"key": "/skin"},
-        asks="--rows",
-    ),
+    "two frames in a message": Case("a", bag({"/skin": TWICE}), {"key": "/skin"}, asks="--rows"),
     "sorted by stamps": Case("a", bag({"/skin": LATER}), {}, WHOLE, says="sorted by their stamps"),
 }
 """Every kind of file of which the reader is judged."""

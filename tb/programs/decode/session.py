@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,17 +21,16 @@ def currents(true: Calibration, count: int = 40) -> tuple[Floats, NDArray[np.int
     """Return test currents in ampere, the first 0, and the codes [currents, rows, cols] they read."""
     current = np.linspace(0, 0.9 * true.code_max, count) * true.step_a.mean()
     codes = np.floor(current[:, None, None] / true.step_a + true.start_code + 0.5)
-    return current, np.broadcast_to(
-        np.clip(codes, 0, true.code_max).astype(np.int64), (count, true.rows, true.cols)
-    )
+    codes = np.clip(codes, 0, true.code_max).astype(np.int64)
+    return current, np.broadcast_to(codes, (count, true.rows, true.cols))
 
 
-def weights(skin: Skin, forces_n: Floats, seed: int) -> tuple[Floats, NDArray[np.integer]]:
+def weights(skin: Skin, forces_n: Floats) -> tuple[Floats, NDArray[np.integer]]:
     """Return loads [loads, rows, cols] in newtons, one a force, and their codes.
 
     Each is a rectangle somewhere on the sheet, put on from rest.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     loads = np.zeros((len(forces_n), skin.rows, skin.cols))
     for load, force in zip(loads, forces_n, strict=True):
         size = np.array(load.shape)
@@ -46,33 +46,42 @@ def weights(skin: Skin, forces_n: Floats, seed: int) -> tuple[Floats, NDArray[np
     return loads, np.array(codes)
 
 
-def cycle(skin: Skin, peak_n: float, frames: int = 250) -> tuple[Floats, NDArray[np.integer]]:
-    """Return a rise, a hold and a fall of all taxels [3 frames, rows, cols] and their codes, from rest."""
-    rise = peak_n * np.sin(np.pi / 2 * np.arange(frames) / frames) ** 2
-    force = np.concatenate([rise, np.full(frames, peak_n), rise[::-1]])
-    force = np.broadcast_to(force[:, None, None], (3 * frames, skin.rows, skin.cols))
+def cycle(skin: Skin, peak_n: float) -> tuple[Floats, NDArray[np.integer]]:
+    """Return a rise, a hold and a fall of all taxels [750, rows, cols] and their codes, from rest."""
+    rise = peak_n * np.sin(np.pi / 2 * np.arange(250) / 250) ** 2
+    force = np.concatenate([rise, np.full(250, peak_n), rise[::-1]])
+    force = np.broadcast_to(force[:, None, None], (750, skin.rows, skin.cols))
     skin.reset()
     codes = skin.read(force, T_FRAME_S)
     skin.reset()
     return force, codes
 
 
-def write(directory: Path, skin: Skin, forces_n: Floats, law: str = "linear", seed: int = 0) -> Path:
+def write_tables(
+    directory: Path, size: tuple[int, int], start: str, loads: Floats, codes: Sequence[NDArray], *more: str
+) -> Path:
+    """Write a session of loads [loads, rows, cols] with their codes [frames, rows, cols]; return its file."""
+    lines = [f"[array]\nrows = {size[0]}\ncols = {size[1]}\n[start]\n{start}", *more]
+    for n, (force, read) in enumerate(zip(loads, codes, strict=True)):
+        np.save(directory / f"codes_{n}.npy", read)
+        np.save(directory / f"force_{n}.npy", force[None])
+        lines.append(f'[[load]]\nname = "weight {n}"\nfile = "codes_{n}.npy"\nforce_n = "force_{n}.npy"')
+    path = directory / "session.toml"
+    path.write_text("\n\n".join(lines) + "\n")
+    return path
+
+
+def write(directory: Path, skin: Skin, forces_n: Floats, law: str = "linear") -> Path:
     """Write a session of test currents, loads and, for a sheet with memory, a cycle; return its file."""
-    true = Calibration.of_plan(skin.plan)
-    lines = [f'[array]\nrows = {skin.rows}\ncols = {skin.cols}\n[start]\nlaw = "{law}"']
+    true, lines = Calibration.of_plan(skin.plan), []
     for n, (amps, codes) in enumerate(zip(*currents(true), strict=True)):
         np.save(directory / f"current_{n}.npy", codes[None])
         lines.append(f'[[current]]\nfile = "current_{n}.npy"\ncurrent_a = {float(amps)!r}')
-    for n, (force, codes) in enumerate(zip(*weights(skin, forces_n, seed), strict=True)):
-        np.save(directory / f"codes_{n}.npy", codes[None])
-        np.save(directory / f"force_{n}.npy", force[None])
-        lines.append(f'[[load]]\nname = "weight {n}"\nfile = "codes_{n}.npy"\nforce_n = "force_{n}.npy"')
     if true.memory.active:
         force, codes = cycle(skin, float(forces_n.max()))
         np.save(directory / "cycle.npy", codes)
         np.save(directory / "cycle_force.npy", force)
         lines.append(f'[[cycle]]\nfile = "cycle.npy"\nforce_n = "cycle_force.npy"\nt_frame_s = {T_FRAME_S!r}')
-    path = directory / "session.toml"
-    path.write_text("\n\n".join(lines) + "\n")
-    return path
+    loads, read = weights(skin, forces_n)
+    start = f'law = "{law}"'
+    return write_tables(directory, (skin.rows, skin.cols), start, loads, read[:, None], *lines)
