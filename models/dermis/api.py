@@ -83,10 +83,9 @@ class Result(engines.Result):
         return self._decoded.resistance_ohm
 
     @property
-    def applied_force_n(self) -> Floats | None:
-        """Forces of the stimulus in newtons; None for a stimulus of shorts and resistances without
-        a force.
-        """
+    def applied_force_n(self) -> Floats:
+        """Forces of the stimulus in newtons; of resistances, those of the sensor's law."""
+        assert self.plan.force_n is not None
         return self.plan.force_n
 
     @property
@@ -104,9 +103,11 @@ class Result(engines.Result):
         """
         module = optional("xarray", "tables")
         names = ("frame", "row", "col")
-        force = {"force_n": self.force_n, "applied_force_n": self.applied_force_n}
-        data = {name: (names, values, {"units": "N"}) for name, values in force.items() if values is not None}
-        data = {"code": (names, self.codes, {"units": "1"}), **data}
+        data = {
+            "code": (names, self.codes, {"units": "1"}),
+            "force_n": (names, self.force_n, {"units": "N"}),
+            "applied_force_n": (names, self.applied_force_n, {"units": "N"}),
+        }
         coords = {name: np.arange(size) for name, size in zip(names, self.codes.shape, strict=True)}
         attributes = {"title": self.plan.scene.title, "engine": self.plan.engine, "seed": self.plan.seed}
         time = ("frame", self.time_s, {"units": "s"})
@@ -309,5 +310,5 @@ def _in_place(own: Any, name: str, asked: Any, path: Path) -> Any:
 
 def _design(design: DesignLike | None) -> Design:
     if isinstance(design, Mapping):
-        return designs.changed(schema.plain(design))
+        return designs.load().replace(**schema.plain(design))
     return design if isinstance(design, Design) else designs.load(design)

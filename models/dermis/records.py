@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plan of a simulation: frames, the records Network, Converter and Drive, and the effects with
-reasons.
-"""
+"""The plan of a simulation: frames, the records Network, Converter and Drive, and effects with reasons."""
 
 from __future__ import annotations
 
@@ -66,11 +64,9 @@ class Drive:
     motion: bool = False
 
     def turns(self, frame: int, clocks: int, f_clk_hz: float) -> float:
-        """Return the phase of the ripple, 0..1 of a turn, `clocks` clocks into a frame, without its
-        own phase.
+        """Return the phase of the ripple, 0..1 of a turn, `clocks` clocks into a frame, without its own phase.
 
-        In integers, of the decimals that were written: however long a run is, its last frame is as
-        exact as its first.
+        In integers, of the decimals that were written: the last frame of any run is as exact as its first.
         """
         per_frame, per_clock, whole = _turns(self.f_ripple_hz, self.t_frame_s, f_clk_hz)
         return (frame * per_frame + clocks * per_clock) % whole / whole
@@ -96,57 +92,30 @@ _DRIVE_GIVEN = frozenset({"t_frame_s", "f_ripple_hz", "phase_ripple_rad"})
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Everything an engine, a deck or a report needs; engines are known here by name only.
+    """Everything an engine, a deck or a report needs; engines are known here by name only."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The resolved scene.
-    topology : str
-        One of design.TOPOLOGIES.
-    timing : Timing
-    resistance_ohm : ndarray
-        [frames, rows, cols], 0..inf.
-    force_n : ndarray or None
-        [frames, rows, cols] in newtons; None where a stimulus has none.
-    sensor : Sensor
-        The law that ties the two as long as no effect of the sensor is on.
-    converter : Converter
-    drive : Drive
-    engine, seed : str, int
-    views : Views
-        View of every SPICE block, for engine cosim.
-    filtered : bool
-        Whether engine event walks open cells alone (docs/auto.md).
-    auto : AutoTable or None
-        Budget of the filter; None without [effects] auto.
-    surrounding : dict
-        Fields of Network other than the taxels and the bias.
-    first_frame : int
-        Number of frame 0 in the whole run: a part of a plan keeps its place in time and its random numbers.
-    next_resistance_ohm : ndarray or None
-        [rows, cols] of the frame after the last one, for motion; None if the last one holds.
-    front_end : FrontEnd or None
-        The board that reads the sheet instead of the chip; no engine can do it.
-    """
-
-    scene: Scene
-    topology: str
+    scene: Scene  # resolved
+    topology: str  # one of design.TOPOLOGIES
     timing: Timing
-    resistance_ohm: Floats
-    force_n: Floats | None
-    sensor: Sensor
+    resistance_ohm: Floats  # [frames, rows, cols], 0..inf
+    force_n: Floats | None  # [frames, rows, cols] in newtons; None in a worker, whose engine reads none
+    sensor: Sensor  # the law that ties the two as long as no effect of the sensor is on
     converter: Converter
     drive: Drive
     engine: str
     seed: int
-    views: Views
-    surrounding: dict[str, Any]
+    views: Views  # of every SPICE block, for engine cosim
+    surrounding: dict[str, Any]  # fields of Network other than the taxels and the bias
+    # Number of frame 0 in the whole run: a part of a plan keeps its place in time and its random numbers.
     first_frame: int = 0
-    next_resistance_ohm: Floats | None = None
-    filtered: bool = False
-    auto: effects.AutoTable | None = None
-    front_end: FrontEnd | None = None
+    next_resistance_ohm: Floats | None = (
+        None  # [rows, cols] after the last frame, for motion; None if that one holds
+    )
+    filtered: bool = False  # engine event walks open cells alone (docs/auto.md)
+    auto: effects.AutoTable | None = None  # budget of the filter; None without [effects] auto
+    front_end: FrontEnd | None = (
+        None  # the board that reads the sheet instead of the chip; no engine can do it
+    )
 
     @property
     def frames(self) -> int:
@@ -174,9 +143,7 @@ class Plan:
             return np.divide(1.0, self.resistance_ohm[frames])
 
     def next_conductance_s(self, frames: slice = slice(None)) -> Floats:
-        """Return the conductance in siemens of the frame after each of some frames; the last frame
-        of a run holds.
-        """
+        """Return the conductance in siemens of the frame after each of some frames; the last frame holds."""
         last = self.resistance_ohm[-1] if self.next_resistance_ohm is None else self.next_resistance_ohm
         first, stop, _ = frames.indices(self.frames)
         behind = self.resistance_ohm[first + 1 : stop + 1]

@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report pages: the verdict tables, figures and runs of a command as one HTML file without
-JavaScript; a pointer on a taxel of a map shows its value.
-"""
+"""Report pages: verdict tables, figures and runs of a command as one HTML file without JavaScript."""
 
 from __future__ import annotations
 
 import base64
-import datetime
 import io
 import json
 import shlex
@@ -30,7 +27,7 @@ from dermis.errors import DermisError, InputError, one_line, optional
 from dermis.files import write_atomic
 from dermis.places import BUILD
 from dermis.records import Plan
-from dermis.report import output, verdict
+from dermis.report import figures, output, verdict
 from dermis.report.verdict import Row
 
 WORST = 10
@@ -69,7 +66,7 @@ def write(
         title=title,
         picture=picture,
         worst=_worst_row([row for rows in tables.values() for row in rows]),
-        text=f"{_utc()}. Repeat with:",
+        text=f"{_utc(time.time())}. Repeat with:",
         command=shlex.join(command),
         tables={
             name: sorted(rows, key=lambda row: ORDER.index(row["status"])) for name, rows in tables.items()
@@ -126,26 +123,20 @@ def _worst_row(rows: Sequence[Row]) -> Row | None:
     """
 
     def used(row: Row) -> float:
-        if row["status"] in ("ERROR", "FAIL"):
+        if row["status"] != "PASS":
             return {"ERROR": 3.0, "FAIL": 2.0}[row["status"]]
         value, low, high = row["value"], row["min"], row["max"]
         shares = [value / high] if high is not None and high > 0 else []
         shares += [low / value] if low is not None and low > 0 else []
         return max(shares, default=-1.0)
 
-    judged = [row for row in rows if row["status"] in ("ERROR", "FAIL") or _judged(row)]
-    return max(judged, key=used, default=None)
+    met = [row for row in rows if row["status"] == "PASS" and (row["min"], row["max"]) != (None, None)]
+    return max((*(row for row in rows if row["status"] in ("ERROR", "FAIL")), *met), key=used, default=None)
 
 
-def _judged(row: Row) -> bool:
-    return row["status"] == "PASS" and (row["min"], row["max"]) != (None, None)
-
-
-def _utc(seconds: float | None = None) -> str:
-    """Return a moment in words: seconds since 1970, or now."""
-    utc = datetime.UTC
-    when = datetime.datetime.now(utc) if seconds is None else datetime.datetime.fromtimestamp(seconds, utc)
-    return when.strftime("%Y-%m-%d %H:%M UTC")
+def _utc(seconds: float) -> str:
+    """Return a moment, in seconds since 1970, in words."""
+    return time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(seconds))
 
 
 def _counts(rows: Sequence[Row]) -> dict[str, int]:
@@ -181,8 +172,7 @@ def _ideal(made: Plan) -> NDArray[np.int64]:
 
 def _maps(made: Plan, codes: NDArray[Any]) -> list[Any]:
     """Draw codes, forces and errors of the strongest frame."""
-    frame = int(np.argmax(codes.reshape(codes.shape[0], -1).sum(axis=1, dtype=float)))
-    which = f", frame {frame} of {made.frames}" if made.frames > 1 else ""
+    frame, which = figures.strongest(codes)
     read = decode(made, codes[frame]).force_n
     off = codes[frame].astype(float) - _ideal(made)[frame]
     maps = [
@@ -223,10 +213,9 @@ def _worst(made: Plan, codes: NDArray[Any]) -> tuple[list[str], list[list[Any]]]
     ideal = _ideal(made)
     off = codes.astype(int) - ideal
     columns = {"code": codes, "ideal code": ideal, "resistance / ohm": made.resistance_ohm}
-    columns |= {} if made.force_n is None else {"force / N": made.force_n}
-    columns["difference / LSB"] = off
-    worst = np.argsort(-np.abs(off).ravel(), kind="stable")[:WORST] if off.any() else []
-    places = zip(*np.unravel_index(worst, off.shape), strict=True) if off.any() else ()
+    columns |= {"force / N": made.force_n, "difference / LSB": off}
+    worst = np.argsort(-np.abs(off).ravel(), kind="stable")[: WORST * off.any()]
+    places = zip(*np.unravel_index(worst, off.shape), strict=True)
     lines = [[*map(int, place), *(values[place].item() for values in columns.values())] for place in places]
     return ["frame", "row", "column", *columns], lines
 
@@ -235,13 +224,9 @@ def _worst(made: Plan, codes: NDArray[Any]) -> tuple[list[str], list[list[Any]]]
 
 
 def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
-    """Call a command and write the page of the tables and runs that it leaves; return what it
-    returns.
+    """Call a command and write the page of the tables and runs that it leaves; return what it returns.
 
-    Raises
-    ------
-    InputError
-        jinja2 is missing, or the page cannot be written; known before the command runs.
+    Raises InputError before the command runs if jinja2 is missing, or the page cannot be written.
     """
     optional("jinja2", "report")
     if path.is_dir() or not path.parent.is_dir():
@@ -286,9 +271,8 @@ def report_command(out: Path | None) -> int:
             (_picture(runs, images) or "", link, worst, *counts.values(), _utc(table.stat().st_mtime))
         )
     if not lines:
-        raise InputError(
-            "build", "*.json", "nothing", "verdict tables; run a target first, such as `make sim`"
-        )
+        allowed = "verdict tables; run a target first, such as `make sim`"
+        raise InputError("build", "*.json", "nothing", allowed)
     lines.sort(key=lambda line: ORDER.index(line[2]))
     heads = ("picture", "target", "result", *verdict.COLOURS, "measured")
     text = "Every verdict table of this checkout; those that missed come first."

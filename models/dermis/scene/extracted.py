@@ -41,19 +41,12 @@ class _Source(Strict):
 
 @dataclass(frozen=True)
 class Measured:
-    """One value for a file: the effect and parameter it becomes, and where it comes from.
-
-    Attributes
-    ----------
-    effect, parameter : as in [effects] of a scene; the unit is the end of the parameter's name
-    value : in that unit
-    bench : description of the measurement
-    """
+    """One value for a file: the effect and parameter of [effects] that it becomes, and where it comes from."""
 
     effect: str
     parameter: str
-    value: float
-    bench: str
+    value: float  # in the unit at the end of the parameter's name
+    bench: str  # description of the measurement
 
 
 def path_of(corner: str, temperature_c: float) -> Path:

@@ -88,34 +88,17 @@ class FrontEndTable(Strict):
 
 @dataclass(frozen=True, eq=False)
 class FrontEnd:
-    """A board as a decoder needs it: rising counts are step_a (count - start_count) in ampere.
+    """A board as a decoder needs it: rising counts are step_a (count - start_count) in ampere."""
 
-    Attributes
-    ----------
-    full_scale : int
-        Largest count.
-    falling : bool
-        The ADC counts down with force: `full_scale` less its count rises.
-    divider : bool
-    step_a, start_count, full_count : ndarray
-        [cols] ampere a count, count of no current, count from which on a taxel is saturated.
-    zero_count : int
-        Largest count that no current may have.
-    g_max_s : float
-        Conductance of r_min_ohm.
-    network : dict
-        Fields of array.Network that the board sets.
-    """
-
-    full_scale: int
-    falling: bool
+    full_scale: int  # largest count
+    falling: bool  # the ADC counts down with force: `full_scale` less its count rises
     divider: bool
-    step_a: Floats
-    start_count: Floats
-    full_count: Floats
-    zero_count: int
-    g_max_s: float
-    network: dict[str, Any]
+    step_a: Floats  # [cols] ampere a count
+    start_count: Floats  # [cols] of no current
+    full_count: Floats  # [cols] from which on a taxel is saturated
+    zero_count: int  # largest that no current may have
+    g_max_s: float  # conductance of r_min_ohm
+    network: dict[str, Any]  # fields of array.Network that the board sets
 
     @classmethod
     def of_table(cls, table: FrontEndTable, cols: int) -> FrontEnd:

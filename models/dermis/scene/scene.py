@@ -17,7 +17,7 @@ from dermis.effects import EFFECTS, AutoTable, EffectsTable, Setting, check_toge
 from dermis.errors import InputError
 from dermis.places import ROOT
 from dermis.scene import extracted
-from dermis.scene.design import Design
+from dermis.scene.design import Design, Topology
 from dermis.scene.design import load as load_design
 from dermis.scene.front_end import EFFECT_FIELDS, FrontEndTable
 from dermis.scene.front_end import resolve as resolve_front_end
@@ -58,9 +58,7 @@ class ArrayTable(Strict):
 class InterfaceTable(Strict):
     """[interface]: the circuit between a column and its converter."""
 
-    topology: (
-        Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"] | None
-    ) = entry(
+    topology: Topology | None = entry(
         None,
         "direct: Fig. 3; conveyor_mirror: Fig. 5a; conveyor_mirror_inverted: Fig. 5b; "
         "multi_output_conveyor: Fig. 6",
@@ -127,25 +125,12 @@ class SceneTable(Strict):
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene with every default filled in.
+    """A scene with every default filled in."""
 
-    Attributes
-    ----------
-    path : Path
-        Its file; file names in it are relative to this.
-    table : SceneTable
-        The resolved tables. `table.effects` is as written, except that its effects replace `extracted`;
-        `effects` holds the effects that are on, with every parameter.
-    effects : dict
-        Effect name -> parameters.
-    design : Design
-        Source of the defaults.
-    """
-
-    path: Path
-    table: SceneTable
-    effects: dict[str, Strict]
-    design: Design
+    path: Path  # its file; file names in it are relative to this
+    table: SceneTable  # resolved; its `effects` are as written, except that their effects replace `extracted`
+    effects: dict[str, Strict]  # name -> parameters, all of them, of the effects that are on
+    design: Design  # source of the defaults
 
     @property
     def title(self) -> str:

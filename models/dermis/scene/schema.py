@@ -115,23 +115,17 @@ def _number_in_words(kind: type, metadata: Sequence[Any]) -> str:
     return head + tail + " (inf is legal)" * infinite
 
 
-def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any] | None = None) -> bytes:
-    """Read a regular file of at most `limit` bytes, or raise InputError.
-
-    `told_by` is the (file, key, value) of the entry that named it, for errors; without it they name
-    the file.
-    """
-    file, key, value = told_by or (path, "file", path.name)
-    value = quoted(value)
+def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any]) -> bytes:
+    """Read a regular file of at most `limit` bytes, or raise InputError; `told_by` is the (file, key, value) in it."""
+    file, key, value = *told_by[:2], quoted(told_by[2])
     try:
         status = os.stat(path)
         if not stat.S_ISREG(status.st_mode):
             # Reading a pipe or a device could block.
             raise InputError(file, key, value, "a regular file")
         if status.st_size > limit:
-            raise InputError(
-                file, key, value, f"a file of at most {limit} bytes (this one has {status.st_size})"
-            )
+            allowed = f"a file of at most {limit} bytes (this one has {status.st_size})"
+            raise InputError(file, key, value, allowed)
         if not status.st_size:  # or of unknown size: reading /proc/kmsg, a regular file, never ends
             return b""
         with open(path, "rb") as stream:
@@ -142,9 +136,8 @@ def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any] | No
     except ValueError as error:  # a NUL in the name
         raise InputError(file, key, value, f"a file name ({error})") from None
     if len(data) > status.st_size:
-        raise InputError(
-            file, key, value, f"a file that keeps its size of {status.st_size} bytes while it is read"
-        )
+        allowed = f"a file that keeps its size of {status.st_size} bytes while it is read"
+        raise InputError(file, key, value, allowed)
     return data
 
 
@@ -155,24 +148,25 @@ _LONG_KEY = re.compile(
 )
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file strictly (duplicate keys are errors in TOML), or raise InputError."""
-    data = read_bytes(path, SCENE_BYTES_MAX)
+def read_toml(path: Path, name: Path | str | None = None) -> dict[str, Any]:
+    """Read a TOML file strictly (duplicate keys are errors in TOML), or raise InputError, which calls it `name`."""
+    file = path if name is None else name
+    data = read_bytes(path, SCENE_BYTES_MAX, (file, "file", path.name))
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(path, f"byte {error.start}", data[error.start], "text in UTF-8") from None
+        raise InputError(file, f"byte {error.start}", data[error.start], "text in UTF-8") from None
     if found := _LONG_KEY.search(text):
         line = text.count("\n", 0, found.start()) + 1
-        raise InputError(path, f"line {line}", quoted(found[0]), f"keys of fewer than {KEY_PARTS_MAX} parts")
+        raise InputError(file, f"line {line}", quoted(found[0]), f"keys of fewer than {KEY_PARTS_MAX} parts")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(path, "TOML", _line_of(error, text), f"valid TOML ({error})") from None
+        raise InputError(file, "TOML", _line_of(error, text), f"valid TOML ({error})") from None
     except RecursionError:
-        raise InputError(path, "TOML", "nested too deeply", "valid TOML of a few levels") from None
+        raise InputError(file, "TOML", "nested too deeply", "valid TOML of a few levels") from None
     except (ValueError, OverflowError) as error:  # impossible dates, integers of thousands of digits
-        raise InputError(path, "TOML", "a value out of range", f"valid TOML ({error})") from None
+        raise InputError(file, "TOML", "a value out of range", f"valid TOML ({error})") from None
 
 
 def _line_of(error: tomllib.TOMLDecodeError, text: str) -> str:
@@ -333,24 +327,19 @@ def _toml_value(value: Any) -> str:
 
 
 def merged(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return tables with the keys of `changes`; a stimulus of another kind, and an effect, are
-    replaced whole.
-    """
+    """Return tables with the keys of `changes`; an effect, and a stimulus of another kind, is replaced whole."""
     made = dict(data)
     for name, value in changes.items():
         before = made.get(name)
-        both = isinstance(before, dict) and isinstance(value, dict)
-        other_kind = (
-            name == "stimulus" and both and value.get("kind", before.get("kind")) != before.get("kind")
-        )
-        made[name] = before | value if both and not other_kind else value
-    return {name: value for name, value in made.items() if value != {} or name in data}
+        add = isinstance(before, dict) and isinstance(value, dict)
+        if name == "stimulus" and add:
+            add = value.get("kind", before.get("kind")) == before.get("kind")
+        made[name] = before | value if add else value
+    return made
 
 
 def plain(value: Any) -> Any:
-    """Convert to TOML types: numpy numbers, arrays, tuples and paths become numbers, lists and
-    text.
-    """
+    """Convert to TOML types: numpy numbers, arrays, tuples and paths become numbers, lists and text."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

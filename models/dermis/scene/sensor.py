@@ -73,15 +73,9 @@ _KEYS = {
 
 @dataclass(frozen=True)
 class InverseSensor:
-    """Force = K/R.
+    """Force = K/R."""
 
-    Parameters
-    ----------
-    k_force_n_ohm : float
-        K in N.ohm.
-    """
-
-    k_force_n_ohm: float
+    k_force_n_ohm: float  # K
 
     def resistance_ohm(self, force_n: ArrayLike) -> Floats:
         """R = K/F of a force in newtons, any shape; F = 0 gives inf and F = inf gives 0."""
@@ -103,21 +97,12 @@ class PowerSensor:
     The two methods undo each other for every force that turns the taxel on. No force makes a
     resistance between the curve at turn-on and r_open_ohm; such a one means the force of turn-on,
     so that decoding stays monotone.
-
-    Parameters
-    ----------
-    force_points_n, r_points_ohm : tuple of float
-        The points, forces rising and resistances falling.
-    force_on_n : float
-        Smaller forces leave the taxel open.
-    r_open_ohm : float
-        Resistance of an open taxel, and the highest there is; inf is legal.
     """
 
-    force_points_n: tuple[float, ...]
-    r_points_ohm: tuple[float, ...]
-    force_on_n: float
-    r_open_ohm: float
+    force_points_n: tuple[float, ...]  # rising
+    r_points_ohm: tuple[float, ...]  # falling
+    force_on_n: float  # smaller forces leave the taxel open
+    r_open_ohm: float  # of an open taxel, and the highest there is; inf is legal
 
     def exponents(self) -> Floats:
         """Exponent n of R ~ F^-n after each point; the last equals the one before."""
@@ -186,24 +171,14 @@ def make_sensor(table: SensorTable) -> Sensor:
 
 @dataclass(frozen=True)
 class SensorState:
-    """How a sheet departs from its law; the default is a sheet that does not.
+    """How a sheet departs from its law; the default is a sheet that does not."""
 
-    Attributes
-    ----------
-    hysteresis : float
-        Largest relative decrease of the resistance while the force falls, 0..1.
-    creep_per_decade : float
-        Growth of the conductance with each factor of ten in time under load, relative.
-    temperature_error : float
-        Relative change of every conductance, above -1.
-    spread : float
-        Standard deviation of the conductance from taxel to taxel, relative.
-    """
-
-    hysteresis: float = 0.0
-    creep_per_decade: float = 0.0
-    temperature_error: float = 0.0
-    spread: float = 0.0
+    hysteresis: float = 0.0  # largest relative decrease of the resistance while the force falls, 0..1
+    creep_per_decade: float = (
+        0.0  # relative growth of the conductance with each factor of ten in time under load
+    )
+    temperature_error: float = 0.0  # relative change of every conductance, above -1
+    spread: float = 0.0  # relative standard deviation of the conductance from taxel to taxel
 
 
 def age(

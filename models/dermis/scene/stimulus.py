@@ -34,20 +34,13 @@ CODE_MAX = 255
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of a stimulus.
+    """Frames of a stimulus [frames, rows, cols], one for each reading of the array."""
 
-    Attributes
-    ----------
-    resistance_ohm, force_n : ndarray
-        Resistance by the sensor's law, and force in newtons or None, [frames, rows, cols]: one frame for each
-        reading of the array.
-    t_frame_s : float
-        From the start of one reading to the start of the next, the chip's frame time or longer.
-    """
-
-    resistance_ohm: Floats
-    force_n: Floats | None
-    t_frame_s: float
+    resistance_ohm: Floats  # by the sensor's law
+    force_n: Floats
+    t_frame_s: (
+        float  # from the start of one reading to the start of the next, the chip's frame time or longer
+    )
 
 
 @dataclass(frozen=True)
