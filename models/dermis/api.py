@@ -221,7 +221,7 @@ def newtons(
 
 def scene_names() -> list[str]:
     """Return the names of the scenes that come with the package."""
-    return sorted(path.stem for path in scenes.SCENES.glob("*.toml"))
+    return scenes.names()
 
 
 def warm_up() -> None:

@@ -72,10 +72,8 @@ class InputError(DermisError):
         self.value = value
         self.allowed = allowed
         # Each part is visible, also a TOML key that is empty or has no printable character.
-        said = [
-            one_line(part, length) or EMPTY
-            for part, length in ((self.file, 400), (key, 200), (value, _VALUE_LENGTH), (allowed, 1000))
-        ]
+        parts = (self.file, 400), (key, 200), (value, _VALUE_LENGTH), (allowed, 1000)
+        said = (one_line(part, length) or EMPTY for part, length in parts)
         super().__init__("{}: {} = {}: {}".format(*said))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -84,13 +82,7 @@ class InputError(DermisError):
 
 
 def optional(module: str, extra: str) -> Any:
-    """Import a module that only an extra of the package brings.
-
-    Raises
-    ------
-    InputError
-        It is not installed; names the extra.
-    """
+    """Import a module that only an extra of the package brings, or raise InputError, which names the extra."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
@@ -101,10 +93,7 @@ def optional(module: str, extra: str) -> Any:
 
 
 def install_line(extra: str) -> str:
-    """Return the command that installs the packages of an extra into this Python.
-
-    It names the packages, as dermis itself is in no package index.
-    """
+    """Return the command that installs the packages of an extra, by name: dermis itself is in no package index."""
     try:
         asked = importlib.metadata.requires("dermis") or []
     except importlib.metadata.PackageNotFoundError:  # a checkout on PYTHONPATH

@@ -23,10 +23,7 @@ AGAIN_S = 10.0
 def argument(values: Any, name: str, shape: tuple[int | None, ...], least: float | None = None) -> Any:
     """Return values as an array that a compiled loop may read: contiguous, finite doubles of a shape; None is any size.
 
-    Raises
-    ------
-    ValueError
-        Another shape, no real numbers, not finite, or below `least`.
+    Raises ValueError for another shape, no real numbers, not finite, or below `least`.
     """
     import numpy as np
 

@@ -22,7 +22,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from dermis.errors import InputError
 from dermis.places import ROOT
 from dermis.scene import schema
-from dermis.scene.schema import Strict, validate
+from dermis.scene.schema import Strict, refuse, validate
 
 DESIGN_FILE = ROOT / "models" / "design.toml"
 SPEC_FILE = ROOT / "models" / "spec.toml"
@@ -429,8 +429,7 @@ _ORDER = (
 def _validated(data: dict[str, Any], file: str) -> Design:
     derived = dict.fromkeys(_DERIVED, "derived from other values, not to be written")
     design: Design = validate(Design, data, file, refused=derived)
-    for key, allowed in design._contradictions():
-        raise InputError(file, key, design.stored()[key], allowed)
+    refuse(design._contradictions(), design, file)
     return design
 
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters extracted from the chip in transistors: their files, and the effects of a scene that
-they become.
+"""Parameters extracted from the chip in transistors: their files, and the effects of a scene that they become.
 
 models/extracted has one file for each condition, with a table for each channel and a line for each
 of its effects. These lines replace `[effects] extracted` while a scene is read, so engines treat
@@ -124,10 +123,7 @@ def write(corner: str, temperature_c: float, channels: Mapping[str, list[Measure
 def channels_of(path: Path) -> dict[str, Any]:
     """Return the tables of a file by channel, each an [effects] table.
 
-    Raises
-    ------
-    InputError
-        The file holds an unknown channel or effect, or a wrong value.
+    Raises InputError if the file holds an unknown channel or effect, or a wrong value.
     """
     data = {name: table for name, table in read_toml(path).items() if name != "source"}
     known = {channel(t, k) for t in TOPOLOGIES for k in (20, 40, 80, 160)}
@@ -138,22 +134,11 @@ def channels_of(path: Path) -> dict[str, Any]:
 
 
 def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
-    """Return an [effects] table in which `extracted` is replaced by its effects.
+    """Return an [effects] table in which `extracted` is replaced by its effects, for a resolved [interface].
 
     An effect that the scene names as well is refused: it is unclear whether its value should add to
     the measured one, multiply it or replace it. The scene must write the number it means.
-
-    Parameters
-    ----------
-    table : the [effects] table of a scene, `extracted` given
-    interface : its resolved [interface]
-    design : source of the chip's reference current and capacitor
-    file : the scene, named in errors
-
-    Raises
-    ------
-    InputError
-        There is no such file or channel; the scene changes a value of the circuit; or an effect is given twice.
+    Raises InputError as well without such a file or channel, or if the scene changes a value of the circuit.
     """
     wanted = table.extracted
     key = "effects.extracted"

@@ -30,6 +30,7 @@ from dermis.scene.schema import (
     models_of,
     plain,
     read_toml,
+    refuse,
     validate,
     write_toml,
 )
@@ -140,10 +141,7 @@ class Scene:
     def to_toml(self, directory: Path | None = None) -> str:
         """Return the scene as TOML with every default; it loads to an identical plan.
 
-        Parameters
-        ----------
-        directory : Path, optional
-            Directory in which the text will be saved: file names become relative to it, else absolute.
+        File names become relative to the directory in which the text will be saved, else absolute.
         """
         data = self.table.model_dump()
         data["effects"] = {name: parameters.model_dump() for name, parameters in self.effects.items()}
@@ -153,20 +151,13 @@ class Scene:
         data["stimulus"] = {"kind": data["stimulus"].pop("kind")} | data["stimulus"]
         if "file" in data["stimulus"]:
             file = (self.path.parent / data["stimulus"]["file"]).resolve()
-            data["stimulus"]["file"] = (
-                str(file) if directory is None else os.path.relpath(file, directory.resolve())
-            )
+            name = file if directory is None else os.path.relpath(file, directory.resolve())
+            data["stimulus"]["file"] = str(name)
         return write_toml(data)
 
 
 def find(name: str) -> Path:
-    """Return the path of a scene, given by path or by name.
-
-    Raises
-    ------
-    InputError
-        No scene has this name.
-    """
+    """Return the path of a scene, given by path or by name; raise InputError if no scene has this name."""
     path = Path(name)
     try:
         there = path.exists()
@@ -174,21 +165,21 @@ def find(name: str) -> Path:
         there = False
     if path.suffix == ".toml" or there or "/" in name:
         return path
-    known = sorted(p.stem for p in SCENES.glob("*.toml"))
-    if name not in known:
-        raise InputError(
-            "command line", "SCENE", name, f"a path to a .toml file, or one of {', '.join(known)}"
-        )
+    if name not in (known := names()):
+        allowed = f"a path to a .toml file, or one of {', '.join(known)}"
+        raise InputError("command line", "SCENE", name, allowed)
     return SCENES / f"{name}.toml"
+
+
+def names() -> list[str]:
+    """Return the names of the scenes that come with the package."""
+    return sorted(path.stem for path in SCENES.glob("*.toml"))
 
 
 def tables_of(scene: Any, caller: str, allowed: str) -> tuple[Path, dict[str, Any]]:
     """Return the tables of a scene by path, name or dict, and the path that errors name; nothing is an empty scene.
 
-    Raises
-    ------
-    InputError
-        It is something else, or cannot be read; `caller` and `allowed` are what the line says.
+    Raises InputError if it is something else, with `caller` and `allowed` in the line, or cannot be read.
     """
     if isinstance(scene, str | os.PathLike):
         path = find(os.fspath(scene))
@@ -214,13 +205,7 @@ def changed(
 
 
 def load(path: str | Path, design: Design | None = None) -> Scene:
-    """Read a scene and fill in its defaults.
-
-    Raises
-    ------
-    InputError
-        The file or a value is wrong; one line "FILE: KEY = VALUE: what is allowed".
-    """
+    """Read a scene and fill in its defaults, or raise InputError: one line "FILE: KEY = VALUE: what is allowed"."""
     path = Path(path)
     return from_data(read_toml(path), path, design)
 
@@ -246,24 +231,30 @@ def with_views(world: Scene, views: str) -> Scene:
     return resolve(world.table.model_copy(update={"run": run}), world.path, world.design)
 
 
-def _check_k_column(
-    table: SceneTable, interface: InterfaceTable, cols: int, design: Design, path: Path
-) -> None:
-    """Refuse ranges of columns that the chip does not have."""
-    k_column = interface.k_column
-    if k_column is None:
-        return
-    key = "interface.k_column"
-    if interface.topology == "direct":
-        raise InputError(path, key, "on with topology direct", "interface.k: no mirror divides the current")
-    if table.effects.extracted is not None:
-        raise InputError(
-            path, key, "on together with effects.extracted", "one of them: extracted effects are of one k"
-        )
-    if len(k_column) != cols:
-        raise InputError(path, key, f"a list of {len(k_column)}", f"a list of {cols}, one a column")
-    if wrong := [k for k in k_column if k not in design.interface.k_options]:
-        raise InputError(path, key, wrong[0], "one of " + ", ".join(map(str, design.interface.k_options)))
+def _wrong(
+    interface: InterfaceTable, cols: int, is_extracted: bool, design: Design
+) -> Iterator[tuple[str, str]]:
+    """Yield keys of a resolved [interface] that the chip does not have, and what is allowed."""
+    options, k_column = design.interface.k_options, interface.k_column
+    listed = "one of " + ", ".join(map(str, options))
+    if interface.k not in options:
+        yield "k", listed
+    if k_column is not None:
+        if interface.topology == "direct":
+            yield (
+                "k_column",
+                "left out with topology direct, where no mirror divides the current; use interface.k",
+            )
+        if is_extracted:
+            yield "k_column", "left out with effects.extracted, whose effects are of one k"
+        if len(k_column) != cols:
+            yield "k_column", f"a list of {cols}, one a column"
+        if not set(k_column) <= set(options):
+            yield "k_column", f"each {listed}"
+    charge_c = interface.i0_a / design.converter.f_clk_hz
+    if charge_c / interface.c_int_f > design.swing_v:
+        least_f = charge_c / design.swing_v
+        yield "c_int_f", f"at least {least_f:.3g} F, so that a packet stays within {design.swing_v:g} V"
 
 
 def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scene:
@@ -271,16 +262,9 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
     design = design or load_design()
     array, interface = _filled(table.array, design), _filled(table.interface, design)
     sensor = resolve_sensor(table.sensor, design.sensor, path)
-    if interface.k not in design.interface.k_options:
-        options = ", ".join(str(k) for k in design.interface.k_options)
-        raise InputError(path, "interface.k", interface.k, f"one of {options}")
-    _check_k_column(table, interface, array.cols, design, path)
-    packet_v = interface.i0_a / design.converter.f_clk_hz / interface.c_int_f
-    if packet_v > design.swing_v:
-        lowest_f = interface.i0_a / design.converter.f_clk_hz / design.swing_v
-        allowed = f"at least {lowest_f:.3g} F, so that a packet stays within {design.swing_v:g} V"
-        raise InputError(path, "interface.c_int_f", interface.c_int_f, allowed)
-    front_end = table.front_end
+    named, front_end = table.effects, table.front_end
+    wrong = _wrong(interface, array.cols, named.extracted is not None, design)
+    refuse(wrong, interface, path, "interface.")
     if front_end is not None:
         if given := table.interface.model_fields_set:
             allowed = "left out with [front_end], which reads the sheet instead of the chip"
@@ -290,12 +274,12 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
     run = table.run.model_copy(update={"views": resolve_views(table.run.views, array.cols, path)})
     t_frame_s = array.rows * (design.timing.slot_clocks / design.converter.f_clk_hz)
     stimulus = resolve_stimulus(table.stimulus, array.rows, array.cols, t_frame_s)
-    named = table.effects
     if named.extracted is not None:
         named = extracted.expanded(named, interface, design, path)
     parts = {"array": array, "sensor": sensor, "interface": interface, "stimulus": stimulus, "run": run}
     resolved = table.model_copy(update=parts | {"effects": named, "front_end": front_end})
     on = resolve_effects(named, Setting.of(resolved, design, _no_rng), path)
+    packet_v = interface.i0_a / design.converter.f_clk_hz / interface.c_int_f
     check_together(on, interface.topology, packet_v, path)
     if front_end is not None and (
         chip := [n for n in on if _of_chip(n)] + ["auto"] * (named.auto is not None)
@@ -332,8 +316,7 @@ def schema_rows() -> Iterator[tuple[str, str, str, str]]:
 
 def schema_table() -> str:
     """Return the keys of a scene as Markdown tables, one for each section, for docs/scenes.md."""
-    lines: list[str] = []
-    section = None
+    lines, section = [], None
     for key, default, allowed, meaning in schema_rows():
         head, _, name = key.rpartition(".")
         if head != section:
@@ -358,7 +341,7 @@ def scenes_table(directory: Path = SCENES) -> str:
 
 
 def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, str]]:
-    inner: list[tuple[str, type[BaseModel]]] = []
+    inner: dict[str, type[BaseModel]] = {}
     # Keys of the table itself come before keys of its base classes.
     own = [n for c in model.__mro__ if issubclass(c, BaseModel) for n in c.__annotations__]
     for name in sorted(model.model_fields, key=own.index):
@@ -367,15 +350,17 @@ def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, 
         members = [] if typing.get_origin(field.annotation) is list else models_of(field.annotation)
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         if members and not _other_than_tables(field.annotation):
-            tagged = len(members) > 1
+            if len(members) == 1:
+                inner[prefix + name] = members[0]
+                continue
             for member in members:
-                tag = typing.get_args(member.model_fields["kind"].annotation)[0] if tagged else ""
-                inner.append((f"{prefix}{name}" + (f" kind = {tag}" if tagged else ""), member))
+                (tag,) = typing.get_args(member.model_fields["kind"].annotation)
+                inner[f"{prefix}{name} kind = {tag}"] = member
             continue
         if members:
-            inner.append((f"{prefix}{name}", members[0]))
+            inner[prefix + name] = members[0]
         yield prefix + name, _default(field, extra), allowed_of(field), field.description or ""
-    for name, member in inner:
+    for name, member in inner.items():
         yield from _rows(name + ".", member)
 
 

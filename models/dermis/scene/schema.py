@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import json
 import math
+import operator
 import os
 import re
 import stat
 import tomllib
 import types
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -60,16 +61,11 @@ def entry(default: Any, meaning: str, allowed: str = "", *, default_from: str = 
 
     Parameters
     ----------
-    default : object
-        `...` for a required key; None with `default_from` for a value of design.toml.
-    meaning : str
-        One line for the table in docs/scenes.md.
-    allowed : str
-        Allowed values, for that table and for errors, where type and limits alone do not say it.
-    default_from : str
-        Source of a default that is not a constant, such as "interface.k".
-    limits
-        ge, gt, le, lt, min_length ... of pydantic.
+    default : `...` for a required key; None with `default_from` for a value of design.toml
+    meaning : one line for the table in docs/scenes.md
+    allowed : allowed values, for that table and for errors, where type and limits alone do not say it
+    default_from : source of a default that is not a constant, such as "interface.k"
+    limits : ge, gt, le, lt, min_length ... of pydantic
     """
     extra = {"allowed": allowed, "default_from": default_from}
     return Field(default, description=meaning, json_schema_extra=extra, **limits)
@@ -186,18 +182,10 @@ def validate(
     prefix: str = "",
     refused: Mapping[str, str] | None = None,
 ) -> Any:
-    """Build a model from data of a file.
+    """Build a model from data of a file; raise InputError for the first error.
 
-    Parameters
-    ----------
-    model, data : the model and its data
-    file, prefix : the file that errors name, and the table in it that holds `data`
-    refused : unknown keys -> what to do instead, for their errors
-
-    Raises
-    ------
-    InputError
-        The first error, with its key, value and what is allowed.
+    Errors name the file and, as `prefix`, the table in it that holds `data`; for unknown keys in `refused` they say
+    what to do instead.
     """
     try:
         return model.model_validate(data)
@@ -220,6 +208,13 @@ def validate(
     if first["type"] == "extra_forbidden":
         allowed = (refused or {}).get(key, allowed)
     raise InputError(file, key, value, allowed)
+
+
+def refuse(wrong: Iterable[tuple[str, str]], table: Any, file: Path | str, prefix: str = "") -> None:
+    """Raise InputError for the first pair of a key, dotted in nested tables, and what is allowed; none is right."""
+    for key, allowed in wrong:
+        value = operator.attrgetter(key)(table)
+        raise InputError(file, prefix + key, "nothing" if value is None else quoted(value), allowed)
 
 
 def _too_large(data: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], int]]:
@@ -296,18 +291,18 @@ def _alternative(annotation: Any, tag: Any) -> Any:
 
 
 def write_toml(tables: dict[str, Any]) -> str:
-    """Write plain data (numbers, booleans, text, lists, tables) as TOML that loads to the same
-    data.
+    """Write plain data (numbers, booleans, text, lists, tables) as TOML that loads to the same data.
 
     Keys are bare names of the schema; None is left out. Tables within tables are written inline.
     """
-    lines = [
-        f"{k} = {_toml_value(v)}" for k, v in tables.items() if v is not None and not isinstance(v, dict)
-    ]
+
+    def pairs(table: dict[str, Any]) -> list[str]:
+        return [f"{k} = {_toml_value(v)}" for k, v in table.items() if v is not None]
+
+    lines = pairs({name: value for name, value in tables.items() if not isinstance(value, dict)})
     for name, table in tables.items():
         if isinstance(table, dict):
-            lines += ["", f"[{name}]"]
-            lines += [f"{k} = {_toml_value(v)}" for k, v in table.items() if v is not None]
+            lines += ["", f"[{name}]", *pairs(table)]
     return "\n".join(lines).lstrip("\n") + "\n"
 
 

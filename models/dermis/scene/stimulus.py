@@ -336,8 +336,7 @@ def resolve(table: Any, rows: int, cols: int, t_frame_s: float) -> Any:
 
 
 def body_profile(table: _Body, row: Floats, col: Floats, rows: int, cols: int) -> Floats:
-    """Pressure relative to its peak on every taxel, [places, rows, cols], 0..1, with the centre at
-    each place.
+    """Pressure relative to its peak on every taxel, [places, rows, cols], 0..1, with the centre at each place.
 
     With u across and v along the body, counted in pitches from its centre, t = u / (width/2) and
     s = v / (length/2): flat 1, triangular 1 - |t| (a straight ridge) and cylindrical sqrt(1 - t^2) (the half
@@ -429,8 +428,6 @@ def _frame_steps(value: Any, key: str, about: Surroundings) -> Floats:
 
 
 def _body(table: _Body, about: Surroundings) -> Frames:
-    if table.center_row is None or table.center_col is None:
-        raise ValueError("the [stimulus] table is not resolved: the centre has no value")
     key = _one_of(table, ("force_n", "total_force_n"), about)
     forces = _frame_steps(getattr(table, key), key, about)
     row, col = np.array([table.center_row]), np.array([table.center_col])
@@ -470,11 +467,9 @@ def _body(table: _Body, about: Surroundings) -> Frames:
         profile = np.divide(profile, whole, out=np.zeros_like(profile), where=whole > 0)
     force = forces[:, np.newaxis, np.newaxis] * profile
     ohm = about.sensor.resistance_ohm(force)
-    return (
-        _in_time(table, about, ohm, force)
-        if isinstance(table, _Timed)
-        else Frames(ohm, force, about.t_frame_s)
-    )
+    if isinstance(table, _Timed):
+        return _in_time(table, about, ohm, force)
+    return Frames(ohm, force, about.t_frame_s)
 
 
 def _count(table: _Lasting, about: Surroundings, listed: int | None) -> int:
@@ -519,8 +514,6 @@ def _held(values: Floats, count: int) -> Floats:
 
 def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> Frames:
     """Return the frames that the chip reads of a stimulus; see `_Timed.resample`."""
-    if table.t_frame_s is None:
-        raise ValueError("the [stimulus] table is not resolved: t_frame_s has no value")
     steps = about.t_frame_s / table.t_frame_s
     # Frame times are decimals, compared up to rounding; so is a frame on the border of two, below.
     if abs(steps - 1) < 1e-9:
@@ -531,18 +524,15 @@ def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> 
             said = f'at least the frame time of the chip, {about.t_frame_s:g} s, or resample = "hold" or "linear"'
             raise about.wrong("t_frame_s", table.t_frame_s, said)
         return Frames(ohm, force, table.t_frame_s)
+    hold = table.resample == "hold"
     # hold: the last frame lasts as long as the others; linear: the last one is the end.
-    count = (
-        math.ceil(frames / steps - 1e-9)
-        if table.resample == "hold"
-        else math.floor((frames - 1) / steps + 1e-9) + 1
-    )
+    count = math.ceil(frames / steps - 1e-9) if hold else math.floor((frames - 1) / steps + 1e-9) + 1
     if count * about.rows * about.cols > VALUES_MAX:
         said = f"a time that makes at most {VALUES_MAX} values, not {count} frames"
         raise about.wrong("t_frame_s", table.t_frame_s, said)
     place = np.arange(max(count, 1)) * steps
     first = np.minimum(np.floor(place + 1e-9).astype(int), frames - 1)
-    if table.resample == "hold":
+    if hold:
         return Frames(ohm[first], force[first], about.t_frame_s)
     share = (place - first)[:, np.newaxis, np.newaxis]
     # The rounding of the place, as above.
@@ -600,42 +590,21 @@ def _check_values(values: Floats, shown: str, table: _Stored) -> None:
     else:
         good, allowed = (values >= 0) & np.isfinite(values), "a finite force >= 0 in newtons"
     if not good.all():
-        frame, row, col = (int(i) for i in np.argwhere(~good)[0])
-        raise InputError(
-            shown, f"frame {frame}, row {row}, column {col}", float(values[frame, row, col]), allowed
-        )
+        frame, row, col = np.argwhere(~good)[0]
+        place = f"frame {frame}, row {row}, column {col}"
+        raise InputError(shown, place, float(values[frame, row, col]), allowed)
 
 
 def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
-    """Return the values of a csv file; one that numpy does not read at once is read line by line."""
+    """Return the values of a csv file [frames, rows, cols]; the first that is wrong is named."""
     rows, cols = about.rows, about.cols
     if not data.isascii():
         at = next(i for i, byte in enumerate(data) if byte > 127)
         raise InputError(shown, f"byte {at}", data[at], "numbers separated by commas")
-    values = np.empty((0, 0))
-    most = data.count(b",") + data.count(b"\n") + data.count(b"\r") + 1
-    if most <= VALUES_MAX and data and not data.isspace() and b"\0" not in data:
-        try:
-            values = np.loadtxt(_lines(data), delimiter=",", ndmin=2, comments=None)
-        except ValueError:
-            pass  # what is wrong, and where, is found below
-    if values.shape[1] not in (rows * cols, cols):
-        values = _read_lines(data, shown, rows, cols)
-    if values.shape[1] == cols != rows * cols and len(values) % rows:
-        raise InputError(shown, "lines", len(values), f"whole frames of {rows} lines of {cols} values")
-    return values.reshape(-1, rows, cols)
-
-
-def _lines(data: bytes) -> io.TextIOWrapper:
-    """Return the lines of a file; any of LF, CR LF and CR ends one."""
-    return io.TextIOWrapper(io.BytesIO(data), encoding="ascii")
-
-
-def _read_lines(data: bytes, shown: str, rows: int, cols: int) -> Floats:
-    """Return the values of a csv file [lines, values]; the first that is wrong is named."""
     layout = f"{rows * cols} values (a frame) or {cols} values (a row of it)"
     values, width = arrays.array("d"), 0
-    for number, line in enumerate(_lines(data), start=1):
+    # Any of LF, CR LF and CR ends a line.
+    for number, line in enumerate(io.TextIOWrapper(io.BytesIO(data), encoding="ascii"), start=1):
         if number > VALUES_MAX:
             raise InputError(shown, f"line {number}", "one line more", f"at most {VALUES_MAX} lines")
         if line.isspace():
@@ -648,19 +617,30 @@ def _read_lines(data: bytes, shown: str, rows: int, cols: int) -> Floats:
             raise InputError(shown, f"line {number}", f"{found} values", allowed)
         if (total := len(values) + found) > VALUES_MAX:
             raise InputError(shown, f"line {number}", f"{total} values", f"at most {VALUES_MAX} values")
-        values.extend(_number(cell, number, n, shown) for n, cell in enumerate(line.split(","), 1))
+        cells = line.split(",")
+        if "_" in line or not _extended(values, cells):
+            place, cell = next((n, cell) for n, cell in enumerate(cells, 1) if not _is_number(cell))
+            raise InputError(shown, f"line {number}, value {place}", quoted(cell.strip()), "a number")
     if not width:
         raise InputError(shown, "lines", 0, f"at least one line of {layout}")
-    return np.frombuffer(values).reshape(-1, width)
+    lines = len(values) // width
+    if width == cols != rows * cols and lines % rows:
+        raise InputError(shown, "lines", lines, f"whole frames of {rows} lines of {cols} values")
+    return np.frombuffer(values).reshape(-1, rows, cols)
 
 
-def _number(cell: str, line: int, place: int, shown: str) -> float:
+def _is_number(cell: str) -> bool:
+    """Return True for the text of a number; float() alone takes 1_000 as well."""
+    return "_" not in cell and _extended(arrays.array("d"), [cell])
+
+
+def _extended(values: arrays.array[float], cells: list[str]) -> bool:
+    """Append numbers; return False if one of them is none."""
     try:
-        if "_" in cell:  # float() takes 1_000
-            raise ValueError
-        return float(cell)
+        values.extend(map(float, cells))
     except ValueError:
-        raise InputError(shown, f"line {line}, value {place}", quoted(cell.strip()), "a number") from None
+        return False
+    return True
 
 
 def _read_numpy(data: bytes, shown: str, suffix: str, table: _Stored, about: Surroundings) -> Floats:
@@ -670,9 +650,8 @@ def _read_numpy(data: bytes, shown: str, suffix: str, table: _Stored, about: Sur
         raise
     except Exception as error:  # zip, header and dtype parsers raise whatever they like on garbage
         reason = one_line(str(error) or type(error).__name__, 200)
-        raise InputError(
-            shown, "file", Path(shown).name, f"a readable {suffix[1:]} file ({reason})"
-        ) from None
+        allowed = f"a readable {suffix[1:]} file ({reason})"
+        raise InputError(shown, "file", Path(shown).name, allowed) from None
     return _shaped(array, shown, about)
 
 
@@ -682,14 +661,11 @@ def _shaped(array: NDArray[Any], shown: str, about: Surroundings) -> Floats:
         raise InputError(shown, "dtype", str(array.dtype), "integers or floating point numbers")
     if array.size > VALUES_MAX:
         raise InputError(shown, "shape", list(array.shape), f"at most {VALUES_MAX} values")
-    shape = (about.rows, about.cols)
     if array.ndim == 2:
         array = array[np.newaxis]
-    if array.ndim != 3 or array.shape[1:] != shape or array.shape[0] < 1:
-        found = list(array.shape)
-        raise InputError(
-            shown, "shape", found, f"[{shape[0]}, {shape[1]}] or [frames, {shape[0]}, {shape[1]}]"
-        )
+    if array.ndim != 3 or array.shape[1:] != (about.rows, about.cols) or array.shape[0] < 1:
+        allowed = f"[{about.rows}, {about.cols}] or [frames, {about.rows}, {about.cols}]"
+        raise InputError(shown, "shape", list(array.shape), allowed)
     # Values too large for a double become inf, and signalling NaN quiet ones; both are refused later with their place.
     with np.errstate(over="ignore", invalid="ignore"):
         return array.astype(float)
@@ -699,12 +675,10 @@ def npy_array(data: bytes, shown: str, kinds: str = "iuf") -> NDArray[Any]:
     # The header is checked against the bytes of the file: 80 bytes can claim a petabyte.
     stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
-    reader = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(
-        version
-    )
-    if reader is None:
+    if version not in ((1, 0), (2, 0)):
         raise ValueError(f"npy version {version}")
-    shape, fortran, dtype = reader(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran, dtype = read(stream)
     if dtype.hasobject or dtype.kind not in kinds:
         raise InputError(shown, "dtype", str(dtype), "integers or floating point numbers")
     values = math.prod(int(n) for n in shape)

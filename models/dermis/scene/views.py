@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Views of the SPICE blocks in a co-simulation: behavioural or sky130 transistors, by block and by
-column.
+"""Views of the SPICE blocks in a co-simulation: behavioural or sky130 transistors, by block and by column.
 
 A block has the same name and pins in both, so a view is the folder from which its file is included.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from dermis.errors import InputError
-from dermis.scene.schema import Strict, entry
+from dermis.scene.schema import Strict, entry, refuse
 
 View = Literal["behavioural", "sky130"]
 Corner = Literal["tt", "ff", "ss", "sf", "fs"]
@@ -99,26 +97,25 @@ BEHAVIOURAL = Views()
 
 
 def resolve(said: str | ViewsTable, cols: int, path: Path) -> str | ViewsTable:
-    """Fill in the view of every block, and check the columns.
+    """Fill in the view of every block.
 
-    Raises
-    ------
-    InputError
-        A column is outside the array or named twice; or columns or conditions are given, but no transistors.
+    Raises InputError if a column is outside the array or named twice, or columns or conditions are given but no
+    transistors.
     """
     if said == "behavioural":
         return said
-    views = Views.of(said)
-    columns = views.columns
-    if columns is not None and (
-        len(set(columns)) < len(columns) or not columns or not all(0 <= c < cols for c in columns)
-    ):
-        allowed = f"a list of different whole numbers from 0, below array.cols = {cols}"
-        raise InputError(path, "run.views.columns", list(columns), allowed)
-    if not any(getattr(views, name) == "sky130" for name in BLOCKS):
+    table = ViewsTable() if isinstance(said, str) else said
+    refuse(_wrong(table, cols), table, path, "run.views.")
+    views = asdict(Views.of(table))
+    return ViewsTable(default=table.default, **views | {"columns": table.columns})
+
+
+def _wrong(table: ViewsTable, cols: int) -> Iterator[tuple[str, str]]:
+    """Yield keys with impossible values, and what is allowed."""
+    columns = table.columns
+    if columns is not None and not len(set(columns) & set(range(cols))) == len(columns) > 0:
+        yield "columns", f"a list of different whole numbers from 0, below array.cols = {cols}"
+    if not any(getattr(Views.of(table), name) == "sky130" for name in BLOCKS):
         for name, default in {"columns": None, **BEHAVIOURAL.conditions()}.items():
-            if (value := getattr(said, name)) != default:
-                raise InputError(path, f"run.views.{name}", value, 'nothing where no block is "sky130"')
-    values = asdict(views) | {"columns": None if columns is None else list(columns)}
-    default = "sky130" if isinstance(said, str) else said.default
-    return ViewsTable(default=default, **values)
+            if getattr(table, name) != default:
+                yield name, 'nothing where no block is "sky130"'
