@@ -96,10 +96,7 @@ class Result(engines.Result):
     def to_xarray(self) -> xarray.Dataset:
         """Return an xarray dataset with dimensions frame, row, col and the coordinate time_s.
 
-        Raises
-        ------
-        InputError
-            xarray is not installed.
+        Raises InputError if xarray is not installed.
         """
         module = optional("xarray", "tables")
         names = ("frame", "row", "col")
@@ -116,10 +113,7 @@ class Result(engines.Result):
     def to_pandas(self) -> pandas.DataFrame:
         """Return a pandas table with one line a taxel and the index frame, row, col.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises InputError if pandas or xarray is not installed.
         """
         optional("pandas", "tables")
         return self.to_xarray().drop_vars("time_s").to_dataframe()
@@ -173,9 +167,8 @@ def simulate(
     SimulatorError
         A simulator failed; the line says where its log is.
     """
-    world = _scene(
-        scene, _given(force_n=force_n, resistance_ohm=resistance_ohm), design, engine, effects, seed, tables
-    )
+    given = _given(force_n=force_n, resistance_ohm=resistance_ohm)
+    world = _scene(scene, given, design, engine, effects, seed, tables)
     options: dict[str, Any] = {} if simulator is None else {"simulator": simulator}
     made = plan.make(world)
     if options and made.engine not in ("rtl", "cosim"):

@@ -50,18 +50,10 @@ class DermisError(Exception):
 
 
 class InputError(DermisError):
-    """Something the user wrote is wrong.
+    """Something the user wrote is wrong: one line "FILE: KEY = VALUE: ALLOWED".
 
-    Parameters
-    ----------
-    file : path or str
-        File of the value; "command line" for an option.
-    key : str
-        Dotted name, or the place in a table ("line 3, value 7").
-    value : object
-        The value found; text of a file must be `quoted` first.
-    allowed : str
-        Allowed values, or the remedy.
+    The file is "command line" for an option, the key a dotted name or the place in a table ("line 3, value 7").
+    Text of a file must be `quoted` first; the last part is the allowed values, or the remedy.
     """
 
     exit_code = 2
@@ -121,15 +113,7 @@ def tool_path(name: str, what: str) -> str:
 
 
 class SimulatorError(DermisError):
-    """A simulator failed.
-
-    Parameters
-    ----------
-    what : str
-        The failed step, with time and node if known.
-    log : path or str, optional
-        Its log.
-    """
+    """A simulator failed: the step, with time and node if known, and its log."""
 
     exit_code = 3
 

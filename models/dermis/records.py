@@ -68,8 +68,7 @@ class Drive:
 
         In integers, of the decimals that were written: the last frame of any run is as exact as its first.
         """
-        per_frame, per_clock, whole = _turns(self.f_ripple_hz, self.t_frame_s, f_clk_hz)
-        return (frame * per_frame + clocks * per_clock) % whole / whole
+        return float(self.turns_at([frame], [clocks], f_clk_hz)[0, 0])
 
     def turns_at(self, frames: Iterable[int], clocks: Iterable[int], f_clk_hz: float) -> Floats:
         """`turns` of every frame at every one of `clocks`, [frames, clocks]."""
@@ -108,14 +107,10 @@ class Plan:
     surrounding: dict[str, Any]  # fields of Network other than the taxels and the bias
     # Number of frame 0 in the whole run: a part of a plan keeps its place in time and its random numbers.
     first_frame: int = 0
-    next_resistance_ohm: Floats | None = (
-        None  # [rows, cols] after the last frame, for motion; None if that one holds
-    )
+    next_resistance_ohm: Floats | None = None  # [rows, cols] after the last frame, None if that one holds
     filtered: bool = False  # engine event walks open cells alone (docs/auto.md)
     auto: effects.AutoTable | None = None  # budget of the filter; None without [effects] auto
-    front_end: FrontEnd | None = (
-        None  # the board that reads the sheet instead of the chip; no engine can do it
-    )
+    front_end: FrontEnd | None = None  # the board in place of the chip; no engine can do it
 
     @property
     def frames(self) -> int:
@@ -181,14 +176,11 @@ class Plan:
         """The network of one frame."""
         if frame == 0:
             return self._first_network
-        return self._network(frame)
+        return Network(self.conductance_s(frame), self.v_bias_v, **self.surrounding)
 
     @functools.cached_property
     def _first_network(self) -> Network:
-        return self._network(0)
-
-    def _network(self, frame: int) -> Network:
-        return Network(self.conductance_s(frame), self.v_bias_v, **self.surrounding)
+        return Network(self.conductance_s(0), self.v_bias_v, **self.surrounding)
 
     def networks(self) -> Iterator[Network]:
         """The network of every frame."""

@@ -105,12 +105,9 @@ def test_a_table_without_its_module_says_what_to_install(
     [
         (
             {"scene": np.ones((4, 4))},
-            "simulate: scene = a ndarray: a path, a name or a dict; for arrays, force_n",
+            "simulate: scene = a ndarray: a path, a name or a dict; for arrays, force",
         ),
-        (
-            {"force_n": [[1.0]], "resistance_ohm": [[1.0]]},
-            "simulate: force_n and resistance_ohm = both: one of",
-        ),
+        ({"force_n": [[1.0]], "resistance_ohm": [[1.0]]}, "simulate: force_n and resistance_ohm = both: one"),
         ({"force_n": [[1.0, 2.0], [3.0]]}, "simulate: force_n = "),
         ({"force_n": [[-1.0]]}, "force_n: frame 0, row 0, column 0 = -1.0: a finite force >= 0 in newtons"),
         ({"force_n": [["a"]]}, "force_n: dtype = <U1: integers or floating point numbers"),

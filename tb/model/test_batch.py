@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_plans import made, ohms
 
-from dermis import engines, plan
+from dermis import engines
 from dermis.engines import batch
 from dermis.errors import InputError, SimulatorError
 from dermis.processes import children, pool, watchdog
 from dermis.records import Plan
-from dermis.scene import scene
 from dermis.scene.design import ROOT
 from tb.programs.faults import inject
 
@@ -32,15 +32,8 @@ FRAMES, SIZE = 11, 6
 def make_plan(tmp_path: Path):
     """A plan of random resistances, with effects by name."""
 
-    def make(engine: str = "event", frames: int = FRAMES, **effects: object) -> Plan:
-        ohm = np.exp(np.random.default_rng(7).uniform(np.log(500), np.log(6e4), (frames, SIZE, SIZE)))
-        np.save(tmp_path / "ohm.npy", ohm)
-        data = {
-            "array": {"rows": SIZE, "cols": SIZE},
-            "stimulus": {"kind": "resistance", "file": "ohm.npy"},
-            "effects": effects,
-        }
-        return plan.make(scene.from_data(data, tmp_path / "batch.toml"), engine)
+    def make(engine: str = "event", **effects: object) -> Plan:
+        return made(tmp_path, ohms(7, FRAMES, SIZE, SIZE), effects, engine=engine)
 
     return make
 
@@ -56,10 +49,10 @@ def _children_that_were_there() -> Iterator[None]:
 
 @pytest.mark.parametrize("processes", [1, 2, 3])
 def test_any_number_of_processes_gives_the_same_codes(make_plan, processes: int) -> None:
-    made = make_plan(row_driver=True, comparator_delay=True, comparator_noise={"v_v": 0.01})
+    plan = make_plan(row_driver=True, comparator_delay=True, comparator_noise={"v_v": 0.01})
     seen: list[int] = []
-    result = batch.run(made, seen.append, processes=processes)
-    expected = engines.run(made)
+    result = batch.run(plan, seen.append, processes=processes)
+    expected = engines.run(plan)
     assert np.array_equal(result.codes, expected.codes)
     assert np.array_equal(result.info["x"], expected.info["x"])
     assert seen == sorted(seen)
@@ -125,9 +118,8 @@ def test_a_worker_that_stands_still_is_ended(make_plan, monkeypatch: pytest.Monk
     monkeypatch.setattr(batch, "_run_part", inject.stop)
     monkeypatch.setattr(pool, "STALL_S", 1.0)
     monkeypatch.setattr(pool, "LOOK_S", 0.2)
-    with pytest.raises(
-        SimulatorError, match=r"frames \d+ to \d+: a worker process used no processor for 1 s"
-    ):
+    said = r"frames \d+ to \d+: a worker process used no processor for 1 s"
+    with pytest.raises(SimulatorError, match=said):
         batch.run(make_plan(), processes=2)
 
 

@@ -27,10 +27,11 @@ from dermis.scene.design import load as load_design
 DATA = Path(os.environ.get("DERMIS_DATA", ROOT.parent / "shared" / "data"))
 
 
+Here = Callable[..., tuple[int, str]]
+
+
 @pytest.fixture
-def here(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str]]:
+def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
     """The command line in this process, for errors before any work: exit code and standard error.
 
     A process for each would spend a second on imports.
@@ -92,6 +93,13 @@ def test_a_run_checks_only_when_asked_and_says_what_that_costs(tmp_path: Path) -
     assert rows().keys() == {"run.taxels_at_full_scale"}
 
 
+def one_line(code: int, said: str, words: str) -> None:
+    """Judge the end of a command: exit 2, and one line on standard error with some words."""
+    assert code == 2
+    assert len(said.strip().splitlines()) == 1
+    assert words in said
+
+
 def scene_with(tmp_path: Path, text: str) -> str:
     path = tmp_path / "scene.toml"
     path.write_text(text)
@@ -137,16 +145,14 @@ WRONG_FILES = [  # a command, the content of its file, and what its one line mus
     ("command", "content", "words"), [*((c, None, words) for c, words in WRONG), *WRONG_FILES]
 )
 def test_a_mistake_ends_in_one_line_and_exit_2(
-    tmp_path: Path, here: Callable[..., tuple[int, str]], command: str, content: str | None, words: str
+    tmp_path: Path, here: Here, command: str, content: str | None, words: str
 ) -> None:
     if content is not None:
         path = tmp_path / ("input.csv" if command.startswith("sim") else "input.toml")
         path.write_text(content)
         command = command.format(path)
     code, said = here(*shlex.split(command))
-    assert code == 2
-    assert len(said.strip().splitlines()) == 1
-    assert words in said
+    one_line(code, said, words)
     assert content is None or path.name in said
 
 
@@ -169,38 +175,29 @@ def test_a_run_that_fails_in_its_engine_leaves_nothing(tmp_path: Path, processes
     out = tmp_path / "out"
     arguments = ["run", scene, "--out", str(out), "--processes", processes]
     done = dermis(*arguments)
-    assert done.returncode == 2
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert "effects.line_capacitance" in done.stderr
+    one_line(done.returncode, done.stderr, "effects.line_capacitance")
     assert not out.exists()
     # What an earlier run left stays whole.
     scene_with(tmp_path, FAILS_IN_THE_ENGINE.replace("100.0", "0.01"))
     assert dermis(*arguments).returncode == 0
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    assert {"codes.npy", "codes.csv", "summary.json", "resolved.toml", "frame.png"} <= set(before)
+    before = _contents(out)
+    assert len(before) == 5
     scene_with(tmp_path, FAILS_IN_THE_ENGINE)
     assert dermis(*arguments).returncode == 2
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert _contents(out) == before
 
 
-def _contents(out: Path) -> dict[str, bytes | None]:
-    return {
-        str(path.relative_to(out)): path.read_bytes() if path.is_file() else None for path in out.rglob("*")
-    }
+def _contents(out: Path) -> dict[Path, bytes | None]:
+    return {p.relative_to(out): p.read_bytes() if p.is_file() else None for p in out.rglob("*")}
 
 
 @pytest.mark.parametrize("name", ["codes.npy", "waves.vcd"])
-def test_a_directory_in_the_place_of_a_file_is_refused(
-    tmp_path: Path, name: str, here: Callable[..., tuple[int, str]]
-) -> None:
+def test_a_directory_in_the_place_of_a_file_is_refused(tmp_path: Path, name: str, here: Here) -> None:
     out = tmp_path / "out"
     (out / name).mkdir(parents=True)
     (out / "codes.csv").write_text("of an earlier run")
     before = _contents(out)
-    code, said = here("run", "single_touch", "--out", str(out))
-    assert code == 2
-    assert len(said.strip().splitlines()) == 1
-    assert name in said
+    one_line(*here("run", "single_touch", "--out", str(out)), name)
     assert _contents(out) == before
 
 
@@ -214,14 +211,12 @@ def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path, limit: int) ->
     def small_files() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-    for before in ({}, {"codes.npy": b"of an earlier run", "frame.png": b"too"}):
+    for before in ({}, {Path("codes.npy"): b"of an earlier run", Path("frame.png"): b"too"}):
         for name, data in before.items():
             out.mkdir(exist_ok=True)
             (out / name).write_bytes(data)
         done = dermis("run", "single_touch", "--out", str(out), preexec_fn=small_files)
-        assert done.returncode == 2
-        assert len(done.stderr.strip().splitlines()) == 1
-        assert "File too large" in done.stderr
+        one_line(done.returncode, done.stderr, "File too large")
         assert _contents(out) == before
         assert out.exists() == bool(before)
 
@@ -245,13 +240,6 @@ def test_a_defect_is_one_line_even_where_its_log_cannot_be_written(
     assert "no such thing" in (tmp_path / "build" / "internal_error.log").read_text()
 
 
-def test_processes_give_the_same_codes(tmp_path: Path) -> None:
-    done = dermis("run", "uniform_staircase", "--processes", "2", "--out", str(tmp_path / "out"))
-    assert done.returncode == 0, done.stderr
-    codes = np.load(tmp_path / "out" / "codes.npy")
-    assert np.array_equal(codes, simulate("uniform_staircase").codes)
-
-
 def test_an_ablation_prints_what_it_writes(tmp_path: Path) -> None:
     names = ("mirror_ratio", "offset_current")
     text = f"[array]\nrows = 2\ncols = 2\n{UNIFORM}[effects]\n" + "".join(f"{n} = true\n" for n in names)
@@ -270,9 +258,7 @@ def test_a_missing_simulator_is_named(tmp_path: Path) -> None:
     (tmp_path / "bin" / "cc").symlink_to(shutil.which("cc") or "/usr/bin/cc")
     environment = {**os.environ, "PATH": f"{tmp_path / 'bin'}:{Path(sys.executable).parent}"}
     done = dermis("run", "single_touch", "--engine", "cosim", "--out", str(tmp_path / "out"), env=environment)
-    assert done.returncode == 2
-    assert "iverilog" in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    one_line(done.returncode, done.stderr, "iverilog")
 
 
 def test_no_text_of_a_scene_reaches_the_deck(tmp_path: Path) -> None:

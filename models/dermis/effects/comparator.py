@@ -4,16 +4,15 @@
 from __future__ import annotations
 
 from dermis import bounds
-from dermis.effects.effect import Effect, below_one_clock, column, not_negative
+from dermis.effects.effect import Effect, below_one_clock, column, exact_effect, not_negative
 
 EFFECTS = (
-    Effect(
+    exact_effect(
         "comparator_offset",
         "offset of the decision level",
         {"v_v": column("Decision level, in V of the integrator; plus needs more charge", 0.3, (1e-3, 0.3))},
         {"v_v": "comparator.v_offset_v"},
         converter={"v_comp_offset_v": "v_v"},
-        bound=bounds.honoured,
     ),
     Effect(
         "comparator_hysteresis",

@@ -204,6 +204,10 @@ class Effect:
         return found
 
 
+exact_effect = functools.partial(Effect, bound=bounds.honoured)
+"""An effect that engine closed takes as it is."""
+
+
 def below_one_clock(key: str) -> Callable[[Any, Setting], list[tuple[str, str]]]:
     """Return the check of a time that must be below one clock."""
 

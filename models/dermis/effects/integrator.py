@@ -6,10 +6,10 @@ from __future__ import annotations
 import math
 
 from dermis import bounds
-from dermis.effects.effect import Effect, column, number, positive
+from dermis.effects.effect import Effect, column, exact_effect, number, positive
 
 EFFECTS = (
-    Effect(
+    exact_effect(
         "offset_current",
         "constant current into every converter",
         {
@@ -18,7 +18,6 @@ EFFECTS = (
             )
         },
         converter={"i_offset_a": "i_a"},
-        bound=bounds.honoured,
     ),
     Effect(
         "integrator_gain",

@@ -3,19 +3,17 @@
 
 from __future__ import annotations
 
-from dermis import bounds
-from dermis.effects.effect import Effect, column, number, too_warm
+from dermis.effects.effect import column, exact_effect, number, too_warm
 
 EFFECTS = (
-    Effect(
+    exact_effect(
         "charge_packet",
         "relative error of every packet",
         {"packet_error": column("Relative error of every packet", 0.03, (1e-4, 0.05), gt=-1)},
         {"packet_error": "charge.packet_error"},
         converter={"packet_error": "packet_error"},
-        bound=bounds.honoured,
     ),
-    Effect(
+    exact_effect(
         "preset_error",
         "error of the preset voltage",
         {
@@ -24,9 +22,8 @@ EFFECTS = (
             )
         },
         converter={"preset_error_v": "v_v"},
-        bound=bounds.honoured,
     ),
-    Effect(
+    exact_effect(
         "reference_drift",
         "drift of the reference current, and so of every packet, with temperature",
         {
@@ -36,6 +33,5 @@ EFFECTS = (
         {"tc_per_k": "charge.tc_per_k", "delta_k": "ambient.delta_k"},
         converter={"packet_error": lambda p, _: p.tc_per_k * p.delta_k},
         wrong=too_warm,
-        bound=bounds.honoured,
     ),
 )

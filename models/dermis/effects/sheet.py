@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import functools
 
-from dermis import bounds
-from dermis.effects.effect import Effect, not_negative, number, share, too_warm
+from dermis.effects.effect import exact_effect, not_negative, number, share, too_warm
 
-_Sheet = functools.partial(Effect, bound=bounds.honoured, considered=False)
+_Sheet = functools.partial(exact_effect, considered=False)
 
 EFFECTS = (
     _Sheet(

@@ -95,9 +95,7 @@ def frame_figure(
         axes[name].set_title(title, fontsize=10)
         axes[name].locator_params(integer=True)
     ticks = [round(top * part / 4) for part in range(5)]
-    ideal_n = made.force_of_duty(np.array(ticks)[:, None] / made.timing.gate_clocks * np.ones(made.cols))[
-        :, 0
-    ]
+    ideal_n = made.force_of_duty(np.outer(ticks, np.ones(made.cols)) / made.timing.gate_clocks)[:, 0]
     both = [axes["press"], axes["codes"]]
     bar = parts[0].colorbar(image, ax=both, ticks=ticks, label="code (ideal force)")
     words = [f"{code}  ({force:.3g} N)" for code, force in zip(ticks, ideal_n, strict=True)]

@@ -143,9 +143,6 @@ def _counts(rows: Sequence[Row]) -> dict[str, int]:
     return {status: sum(row["status"] == status for row in rows) for status in verdict.COLOURS}
 
 
-# ---- a run --------------------------------------------------------------------------------------------------------
-
-
 def _run(directory: Path) -> dict[str, Any]:
     """Return what page.html shows of a run."""
     summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
@@ -161,24 +158,17 @@ def _run(directory: Path) -> dict[str, Any]:
         made = plan.load(scene, engine)
     except DermisError as error:  # a file of the scene is gone: the codes are there all the same
         return found | {"maps": [_map("Codes", codes[0].astype(float), "code")], "unread": error}
-    heads, worst = _worst(made, codes)
-    return found | {"maps": _maps(made, codes), "heads": heads, "worst": worst}
+    off = codes.astype(int) - vfc.code(made.duty_ideal(), made.timing.gate_clocks, made.timing.code_max)
+    heads, worst = _worst(made, codes, off)
+    return found | {"maps": _maps(made, codes, off), "heads": heads, "worst": worst}
 
 
-def _ideal(made: Plan) -> NDArray[np.int64]:
-    """Return codes of an ideal read-out, [frames, rows, cols]."""
-    return vfc.code(made.duty_ideal(), made.timing.gate_clocks, made.timing.code_max)
-
-
-def _maps(made: Plan, codes: NDArray[Any]) -> list[Any]:
+def _maps(made: Plan, codes: NDArray[Any], off: NDArray[Any]) -> list[Any]:
     """Draw codes, forces and errors of the strongest frame."""
     frame, which = figures.strongest(codes)
-    read = decode(made, codes[frame]).force_n
-    off = codes[frame].astype(float) - _ideal(made)[frame]
-    maps = [
-        _map(f"Code{which}", codes[frame].astype(float), ""),
-        _map(f"Force read{which}", np.where(np.isfinite(read), read, np.nan), "N"),
-    ]
+    read, off = decode(made, codes[frame]).force_n, off[frame].astype(float)
+    read = np.where(np.isfinite(read), read, np.nan)
+    maps = [_map(f"Code{which}", codes[frame].astype(float), ""), _map(f"Force read{which}", read, "N")]
     if not off.any():  # a map of one colour would say less
         return maps
     most = float(np.abs(off).max())
@@ -208,19 +198,14 @@ def _map(
     return {"title": f"{title}, {low:.3g} to {high:.3g} {label}".rstrip(), "cells": cells}
 
 
-def _worst(made: Plan, codes: NDArray[Any]) -> tuple[list[str], list[list[Any]]]:
+def _worst(made: Plan, codes: NDArray[Any], off: NDArray[Any]) -> tuple[list[str], list[list[Any]]]:
     """Return the heads and lines of a table of the codes that are farthest from those of an ideal read-out."""
-    ideal = _ideal(made)
-    off = codes.astype(int) - ideal
-    columns = {"code": codes, "ideal code": ideal, "resistance / ohm": made.resistance_ohm}
+    columns = {"code": codes, "ideal code": codes - off, "resistance / ohm": made.resistance_ohm}
     columns |= {"force / N": made.force_n, "difference / LSB": off}
     worst = np.argsort(-np.abs(off).ravel(), kind="stable")[: WORST * off.any()]
     places = zip(*np.unravel_index(worst, off.shape), strict=True)
     lines = [[*map(int, place), *(values[place].item() for values in columns.values())] for place in places]
     return ["frame", "row", "column", *columns], lines
-
-
-# ---- commands -----------------------------------------------------------------------------------------------------
 
 
 def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
@@ -266,19 +251,16 @@ def report_command(out: Path | None) -> int:
         write(out / f"{name}.html", name, {name: rows}, runs, images, ["dermis", name])
         counts = _counts(rows)
         worst = next((status for status in ("ERROR", "FAIL") if counts[status]), "PASS")
-        link = {"href": f"{name}.html", "text": name}
-        lines.append(
-            (_picture(runs, images) or "", link, worst, *counts.values(), _utc(table.stat().st_mtime))
-        )
+        link, when = {"href": f"{name}.html", "text": name}, _utc(table.stat().st_mtime)
+        lines.append((_picture(runs, images) or "", link, worst, *counts.values(), when))
     if not lines:
         allowed = "verdict tables; run a target first, such as `make sim`"
         raise InputError("build", "*.json", "nothing", allowed)
     lines.sort(key=lambda line: ORDER.index(line[2]))
     heads = ("picture", "target", "result", *verdict.COLOURS, "measured")
     text = "Every verdict table of this checkout; those that missed come first."
-    write_atomic(
-        out / "index.html", _page(title="dermis: report", text=text, heads=heads, index=lines, tables={})
-    )
+    page = _page(title="dermis: report", text=text, heads=heads, index=lines, tables={})
+    write_atomic(out / "index.html", page)
     click.echo(f"{len(lines)} pages, listed in {out / 'index.html'}")
     return 0
 

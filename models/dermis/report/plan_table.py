@@ -90,20 +90,19 @@ def print_filter(plan: records.Plan, found: dict[str, Any]) -> None:
 
 def print_rows(found: dict[str, Any]) -> None:
     """Print the rows that engine cosim solves in ngspice, and why."""
+    console = verdict.console()
     words = f"of {found['rows_solved'] + found['rows_masked']} rows ngspice solves {found['rows_solved']}"
     if found["reason"]:
-        words += f": {found['reason']}"
-    else:
-        words += f", for {found['cells_open']} cells of which engine event is not certain"
-        if found["rows_before"]:
-            words += f"; {found['rows_before']} of them only because a later row remembers them"
-    console = verdict.console()
+        console.print(f"{words}: {found['reason']}")
+        return
+    words += f", for {found['cells_open']} cells of which engine event is not certain"
+    if found["rows_before"]:
+        words += f"; {found['rows_before']} of them only because a later row remembers them"
     console.print(words)
-    if not found["reason"]:
-        for frame, rows in list(found["rows"].items())[:_SAMPLE]:
-            console.print(f"{frame}: rows {rows}")
-        if (more := len(found["rows"]) - _SAMPLE) > 0:
-            console.print(f"and rows of {more} more frames: summary.json, info.masked")
+    for frame, rows in list(found["rows"].items())[:_SAMPLE]:
+        console.print(f"{frame}: rows {rows}")
+    if (more := len(found["rows"]) - _SAMPLE) > 0:
+        console.print(f"and rows of {more} more frames: summary.json, info.masked")
 
 
 @click.command("plan")

@@ -147,11 +147,8 @@ def console() -> Console:
 
 def in_words(row: Row) -> str:
     """Return value, unit and limits of a row as text."""
-    limits = [
-        f"{word} {row[key]:.6g}"
-        for word, key in (("at least", "min"), ("at most", "max"))
-        if row[key] is not None
-    ]
+    words = {"min": "at least", "max": "at most"}
+    limits = [f"{word} {row[key]:.6g}" for key, word in words.items() if row[key] is not None]
     value = "no value" if row["value"] is None else f"{row['value']:.4g} {row['unit']}"
     return f"{value} ({' and '.join(limits)})" if limits else value
 

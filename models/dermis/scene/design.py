@@ -134,24 +134,23 @@ class Timing(Strict):
     gate_clocks: int = Field(ge=1, le=2**24)
     code_bits: int = Field(ge=1, le=16)
     break_clocks: int = Field(ge=1, le=2**16 - 3)
-    _slot_clocks: int = PrivateAttr(default=0)
-    _slot_s: float = PrivateAttr(default=0.0)
+    _slot_s: Fraction = PrivateAttr(default=Fraction(0))
     _t_clk_s: Fraction = PrivateAttr(default=Fraction(0))
 
     @property
     def slot_clocks(self) -> int:
         """Clocks of one row slot, frame_s / rows * f_clk_hz."""
-        return self._slot_clocks
+        return round(self._slot_s / self._t_clk_s)
 
     @property
     def settle_clocks(self) -> int:
         """Clocks of a slot before the gate opens."""
-        return self._slot_clocks - self.gate_clocks
+        return self.slot_clocks - self.gate_clocks
 
     @property
     def slot_s(self) -> float:
         """Length of a row slot in seconds."""
-        return self._slot_s
+        return float(self._slot_s)
 
     @property
     def gate_s(self) -> float:
@@ -310,16 +309,14 @@ class Design(Strict):
 
     @model_validator(mode="after")
     def _derive(self) -> Design:
-        slot = exact(self.timing.frame_s) / self.array.rows
-        clocks = slot * exact(self.converter.f_clk_hz)
-        self.timing._slot_clocks, self.timing._slot_s = round(clocks), float(slot)
+        self.timing._slot_s = exact(self.timing.frame_s) / self.array.rows
         self.timing._t_clk_s = 1 / exact(self.converter.f_clk_hz)
         return self
 
     def _contradictions(self) -> Iterator[tuple[str, str]]:
         """Yield keys that contradict others, each with what it may hold."""
-        array, timing, sensor, converter = self.array, self.timing, self.sensor, self.converter
-        slot = exact(timing.frame_s) / array.rows * exact(converter.f_clk_hz)
+        timing, sensor, converter = self.timing, self.sensor, self.converter
+        slot = timing._slot_s / timing._t_clk_s
         clocks, full = timing.slot_clocks, timing.code_max
         # A clock such as 1/3 MHz has no exact double: whole to 1e-12 is whole.
         if clocks < 1 or abs(clocks - slot) > slot * _ROUNDING:

@@ -87,8 +87,8 @@ def stale(path: Path, circuit: Path = CIRCUIT) -> str:
     return f"{path.name}: {' and '.join(causes)}; write it anew with: {AGAIN}" if causes else ""
 
 
-def text_of(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> str:
-    """Return the text of a file: sources, then the effects of each channel."""
+def write(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> Path:
+    """Write the file of a condition, sources and then the effects of each channel; return its path."""
     lines = [
         "# SPDX-License-Identifier: Apache-2.0",
         f"# What was measured of the chip in transistors at {corner}, {temperature_c:g} C, as the effects of a scene.",
@@ -110,13 +110,8 @@ def text_of(corner: str, temperature_c: float, channels: Mapping[str, list[Measu
             # Eight digits are far beyond what the benches resolve.
             values = ", ".join(f"{m.parameter} = {float(format(m.value, '.8g'))!r}" for m in of)
             lines.append(f"{effect} = {{ {values} }}")
-    return "\n".join(lines) + "\n"
-
-
-def write(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> Path:
-    """Write the file of a condition; return its path."""
     path = path_of(corner, temperature_c)
-    write_atomic(path, text_of(corner, temperature_c, channels))
+    write_atomic(path, "\n".join(lines) + "\n")
     return path
 
 
@@ -127,9 +122,8 @@ def channels_of(path: Path) -> dict[str, Any]:
     """
     data = {name: table for name, table in read_toml(path).items() if name != "source"}
     known = {channel(t, k) for t in TOPOLOGIES for k in (20, 40, 80, 160)}
-    for name in data:
-        if name not in known:
-            raise InputError(path, name, "(a table)", f"one of {', '.join(sorted(known))}")
+    for name in sorted(data.keys() - known):
+        raise InputError(path, name, "(a table)", f"one of {', '.join(sorted(known))}")
     return {name: validate(EffectsTable, table, path, name) for name, table in data.items()}
 
 
@@ -154,11 +148,9 @@ def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
     name = channel(interface.topology, interface.k)
     if name not in channels:
         raise InputError(file, key, name, f"a channel that was extracted there: {', '.join(channels)}")
-    found = {e: getattr(channels[name], e) for e in EFFECTS}
-    measured = {e: value for e, value in found.items() if value is not None}
+    measured = {e: value for e in EFFECTS if (value := getattr(channels[name], e)) is not None}
     for effect in measured:
-        given = getattr(table, effect)
-        if given is not None and given is not False:
+        if getattr(table, effect) not in (None, False):
             raise InputError(file, f"effects.{effect}", "given", f"false or nothing: {key} has this effect")
     left = {e: value for e, value in measured.items() if getattr(table, e) is not False}
     return table.model_copy(update={"extracted": None, **left})

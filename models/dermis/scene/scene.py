@@ -16,30 +16,14 @@ from pydantic import BaseModel, Field
 from dermis.effects import EFFECTS, AutoTable, EffectsTable, Setting, check_together, resolve_effects
 from dermis.errors import InputError
 from dermis.places import ROOT
-from dermis.scene import extracted
+from dermis.scene import design as designs
+from dermis.scene import extracted, front_end, schema, sensor, stimulus, views
 from dermis.scene.design import Design, Topology
-from dermis.scene.design import load as load_design
-from dermis.scene.front_end import EFFECT_FIELDS, FrontEndTable
-from dermis.scene.front_end import resolve as resolve_front_end
-from dermis.scene.schema import (
-    Strict,
-    allowed_of,
-    empty,
-    entry,
-    merged,
-    models_of,
-    plain,
-    read_toml,
-    refuse,
-    validate,
-    write_toml,
-)
+from dermis.scene.front_end import FrontEndTable
+from dermis.scene.schema import Strict, entry, read_toml
 from dermis.scene.sensor import SensorTable
-from dermis.scene.sensor import resolve as resolve_sensor
 from dermis.scene.stimulus import StimulusTable
-from dermis.scene.stimulus import resolve as resolve_stimulus
-from dermis.scene.views import View, ViewsTable
-from dermis.scene.views import resolve as resolve_views
+from dermis.scene.views import View, Views
 
 SCENES = ROOT / "models" / "scenes"
 """The scenes that come with the package."""
@@ -98,7 +82,7 @@ class RunTable(Strict):
         default_from="the cheapest that can do the scene",
     )
     seed: int = entry(0, "Random seed", "a whole number 0..2^32 - 1", ge=0, le=2**32 - 1)
-    views: View | ViewsTable = entry(
+    views: View | Views = entry(
         "behavioural",
         "View of the SPICE blocks in cosim: models, or transistors (docs/views.md)",
         'a table, or one of "behavioural", "sky130"',
@@ -153,7 +137,7 @@ class Scene:
             file = (self.path.parent / data["stimulus"]["file"]).resolve()
             name = file if directory is None else os.path.relpath(file, directory.resolve())
             data["stimulus"]["file"] = str(name)
-        return write_toml(data)
+        return schema.write_toml(data)
 
 
 def find(name: str) -> Path:
@@ -185,7 +169,7 @@ def tables_of(scene: Any, caller: str, allowed: str) -> tuple[Path, dict[str, An
         path = find(os.fspath(scene))
         return path, read_toml(path)
     if scene is None or isinstance(scene, Mapping):
-        return Path(caller), plain(scene or {})
+        return Path(caller), schema.plain(scene or {})
     raise InputError(caller, "scene", f"a {type(scene).__name__}", allowed)
 
 
@@ -197,9 +181,9 @@ def changed(
     effects: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
     """Return tables with a caller's changes; InputError for a key that holds None."""
-    for table in (plain(tables or {}), {"run": run}, {"effects": plain(effects or {})}):
-        data = merged(data, table)
-    if none := empty(data):
+    for table in (schema.plain(tables or {}), {"run": run}, {"effects": schema.plain(effects or {})}):
+        data = schema.merged(data, table)
+    if none := schema.empty(data):
         raise InputError(path, none, "None", "a value; leave the key out for its default")
     return data
 
@@ -212,7 +196,7 @@ def load(path: str | Path, design: Design | None = None) -> Scene:
 
 def from_data(data: dict[str, Any], path: Path, design: Design | None = None) -> Scene:
     """Make a scene from TOML data; `path` is named in errors, and file names are relative to it."""
-    return resolve(validate(SceneTable, data, path, refused=_REMOVED), path, design)
+    return resolve(schema.validate(SceneTable, data, path, refused=_REMOVED), path, design)
 
 
 def with_effects(world: Scene, table: Any, engine: str | None) -> Scene:
@@ -241,10 +225,7 @@ def _wrong(
         yield "k", listed
     if k_column is not None:
         if interface.topology == "direct":
-            yield (
-                "k_column",
-                "left out with topology direct, where no mirror divides the current; use interface.k",
-            )
+            yield "k_column", "left out with topology direct, as no mirror divides the current: interface.k"
         if is_extracted:
             yield "k_column", "left out with effects.extracted, whose effects are of one k"
         if len(k_column) != cols:
@@ -259,31 +240,35 @@ def _wrong(
 
 def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scene:
     """Fill in the defaults of the design, and check keys against each other."""
-    design = design or load_design()
-    array, interface = _filled(table.array, design), _filled(table.interface, design)
-    sensor = resolve_sensor(table.sensor, design.sensor, path)
-    named, front_end = table.effects, table.front_end
-    wrong = _wrong(interface, array.cols, named.extracted is not None, design)
-    refuse(wrong, interface, path, "interface.")
-    if front_end is not None:
-        if given := table.interface.model_fields_set:
-            allowed = "left out with [front_end], which reads the sheet instead of the chip"
-            raise InputError(path, f"interface.{min(given)}", getattr(table.interface, min(given)), allowed)
-        front_end = resolve_front_end(front_end, array.cols, path)
-        interface = interface.model_copy(update={"v_bias_v": front_end.supply_v})
-    run = table.run.model_copy(update={"views": resolve_views(table.run.views, array.cols, path)})
-    t_frame_s = array.rows * (design.timing.slot_clocks / design.converter.f_clk_hz)
-    stimulus = resolve_stimulus(table.stimulus, array.rows, array.cols, t_frame_s)
+    design = design or designs.load()
+    array, interface, named = _filled(table.array, design), _filled(table.interface, design), table.effects
+    board, cols = table.front_end, array.cols
+    wrong = _wrong(interface, cols, named.extracted is not None, design)
+    schema.refuse(wrong, interface, path, "interface.")
+    if board is not None:
+        said = "left out with [front_end], which reads the sheet instead of the chip"
+        given = ((key, said) for key in sorted(table.interface.model_fields_set))
+        schema.refuse(given, table.interface, path, "interface.")
+        board = front_end.resolve(board, cols, path)
+        interface = interface.model_copy(update={"v_bias_v": board.supply_v})
     if named.extracted is not None:
         named = extracted.expanded(named, interface, design, path)
-    parts = {"array": array, "sensor": sensor, "interface": interface, "stimulus": stimulus, "run": run}
-    resolved = table.model_copy(update=parts | {"effects": named, "front_end": front_end})
+    t_frame_s = array.rows * (design.timing.slot_clocks / design.converter.f_clk_hz)
+    parts = {
+        "array": array,
+        "sensor": sensor.resolve(table.sensor, design.sensor, path),
+        "interface": interface,
+        "stimulus": stimulus.resolve(table.stimulus, array.rows, cols, t_frame_s),
+        "run": table.run.model_copy(update={"views": views.resolve(table.run.views, cols, path)}),
+        "effects": named,
+        "front_end": board,
+    }
+    resolved = table.model_copy(update=parts)
     on = resolve_effects(named, Setting.of(resolved, design, _no_rng), path)
     packet_v = interface.i0_a / design.converter.f_clk_hz / interface.c_int_f
     check_together(on, interface.topology, packet_v, path)
-    if front_end is not None and (
-        chip := [n for n in on if _of_chip(n)] + ["auto"] * (named.auto is not None)
-    ):
+    chip = [name for name in on if _of_chip(name)] + ["auto"] * (named.auto is not None)
+    if board is not None and chip:
         allowed = "off with [front_end]: its keys say what the board does; lateral, trace and sensor_* are the sheet's"
         raise InputError(path, f"effects.{chip[0]}", "on", allowed)
     return Scene(path, resolved, on, design)
@@ -292,7 +277,7 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
 def _of_chip(name: str) -> bool:
     """Return True if an effect sets a field that a board does not have."""
     effect = EFFECTS[name]
-    return bool(effect.converter or effect.drive or set(effect.network) - EFFECT_FIELDS)
+    return bool(effect.converter or effect.drive or set(effect.network) - front_end.EFFECT_FIELDS)
 
 
 def _no_rng(name: str) -> Any:
@@ -347,7 +332,7 @@ def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, 
     for name in sorted(model.model_fields, key=own.index):
         field = model.model_fields[name]
         # Tables of a list are documented where they are alternatives of another key.
-        members = [] if typing.get_origin(field.annotation) is list else models_of(field.annotation)
+        members = [] if typing.get_origin(field.annotation) is list else schema.models_of(field.annotation)
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         if members and not _other_than_tables(field.annotation):
             if len(members) == 1:
@@ -359,7 +344,7 @@ def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, 
             continue
         if members:
             inner[prefix + name] = members[0]
-        yield prefix + name, _default(field, extra), allowed_of(field), field.description or ""
+        yield prefix + name, _default(field, extra), schema.allowed_of(field), field.description or ""
     for name, member in inner.items():
         yield from _rows(name + ".", member)
 

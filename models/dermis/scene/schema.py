@@ -39,21 +39,13 @@ class Strict(BaseModel):
     @field_validator("*", mode="after")
     @classmethod
     def _of_a_size(cls, value: Any) -> Any:
-        if not all(_sized(v) for v in (value if isinstance(value, list) else (value,))):
-            raise ValueError(_SIZES)
-        return [_unsigned(v) for v in value] if isinstance(value, list) else _unsigned(value)
-
-
-def _unsigned(value: Any) -> Any:
-    """Return 0.0 for -0.0: a resistance of -0.0 would be a conductance of -inf."""
-    return value + 0.0 if isinstance(value, float) else value
-
-
-def _sized(value: Any) -> bool:
-    """Return True for 0, a number of sensible size, infinity, NaN or no number."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or value == 0:
-        return True
-    return (isinstance(value, float) and not math.isfinite(value)) or SIZE_MIN <= abs(value) <= SIZE_MAX
+        values = value if isinstance(value, list) else [value]
+        for v in values:
+            if type(v) in (int, float) and v not in (0, math.inf) and not SIZE_MIN <= abs(v) <= SIZE_MAX:
+                raise ValueError(_SIZES)
+        # 0.0 for -0.0: a resistance of -0.0 would be a conductance of -inf.
+        values = [v + 0.0 if isinstance(v, float) else v for v in values]
+        return values if isinstance(value, list) else values[0]
 
 
 def entry(default: Any, meaning: str, allowed: str = "", *, default_from: str = "", **limits: Any) -> Any:

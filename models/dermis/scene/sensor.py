@@ -169,9 +169,7 @@ class SensorState:
     """How a sheet departs from its law; the default is a sheet that does not."""
 
     hysteresis: float = 0.0  # largest relative decrease of the resistance while the force falls, 0..1
-    creep_per_decade: float = (
-        0.0  # relative growth of the conductance with each factor of ten in time under load
-    )
+    creep_per_decade: float = 0.0  # relative growth of the conductance, a factor of ten in time under load
     temperature_error: float = 0.0  # relative change of every conductance, above -1
     spread: float = 0.0  # relative standard deviation of the conductance from taxel to taxel
 

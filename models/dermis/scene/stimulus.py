@@ -38,9 +38,7 @@ class Frames:
 
     resistance_ohm: Floats  # by the sensor's law
     force_n: Floats
-    t_frame_s: (
-        float  # from the start of one reading to the start of the next, the chip's frame time or longer
-    )
+    t_frame_s: float  # from start to start of two readings, the chip's frame time or longer
 
 
 @dataclass(frozen=True)
@@ -68,8 +66,8 @@ Code = Annotated[int, Field(ge=0, le=CODE_MAX)]
 Select = Literal["all", "first", "last"] | Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)]
 Shape = Literal["flat", "triangular", "cylindrical", "spherical", "round"]
 Seconds = Annotated[float, Field(ge=1e-9, le=1e9)]
+_SECONDS = "a finite number from 1e-9 to 1e9; or frames instead"
 _FORCE = "a finite number >= 0, or a list of them, one a frame"
-_TAPS = "a finite number >= 0, or a list of them, one a tap"
 _POINTS = "a list of at least 2 finite numbers >= 0"
 _PROFILES = (
     "flat 1; triangular 1 - |t|; cylindrical sqrt(1 - t^2); these three on the rectangle width x length; "
@@ -99,13 +97,13 @@ class _Body(Strict):
     shape: Shape = entry(..., "Pressure under the body: " + _PROFILES)
     force_n: Forces | None = entry(
         None,
-        "Force in N on a taxel where the profile is 1; a list gives one frame for each force",
-        _FORCE + "; or total_force_n instead",
+        "Force in N on a taxel where the profile is 1; a list gives one frame, or tap, for each force",
+        _FORCE + " or tap; or total_force_n instead",
     )
     total_force_n: Forces | None = entry(
         None,
-        "Force in N of the whole body, shared by the taxels it touches; a list gives one frame for each force",
-        _FORCE + "; or force_n instead",
+        "Force in N of the whole body, shared by the taxels it touches; a list as for force_n",
+        _FORCE + " or tap; or force_n instead",
     )
     width: float = entry(8.0, "Extent across the profile, in taxel pitches", gt=0)
     length: float = entry(8.0, "Extent along the ridge or axis, in taxel pitches", gt=0)
@@ -140,7 +138,7 @@ class _Lasting(Strict):
     duration_s: Seconds | None = entry(
         None,
         "Or time to read for, in s, rounded up to whole frames",
-        "a finite number from 1e-9 to 1e9; or frames instead",
+        _SECONDS,
     )
 
 
@@ -167,18 +165,11 @@ class SlipTable(_Body, _Lasting):
 
 
 class TappingTable(_Body, _Lasting):
-    """A stiff body that taps on the sheet."""
+    """A stiff body that taps on the sheet; a list of forces is repeated."""
 
-    kind: Literal["tapping"] = entry(..., "A body that taps on the sheet, read at the chip's frame time")
-    force_n: Forces | None = entry(
-        None,
-        "Highest force in N of a tap, on a taxel where the profile is 1; a list gives one tap for each force, repeated",
-        _TAPS + "; or total_force_n instead",
-    )
-    total_force_n: Forces | None = entry(
-        None,
-        "Highest force in N of a tap of the whole body, shared by the taxels it touches; a list as for force_n",
-        _TAPS + "; or force_n instead",
+    kind: Literal["tapping"] = entry(
+        ...,
+        "A body that taps on the sheet with these highest forces, repeated, read at the chip's frame time",
     )
     frequency_hz: float = entry(
         ..., "Taps a second; the first begins at time 0", "a finite number > 0, at most 1e6", gt=0, le=1e6
@@ -219,7 +210,7 @@ class RampTable(_Body, _Lasting):
     duration_s: Seconds | None = entry(
         None,
         "Or time from the first force to the last, in s",
-        "a finite number from 1e-9 to 1e9; or frames instead",
+        _SECONDS,
     )
 
 
@@ -240,19 +231,6 @@ class UniformTable(_Timed):
     )
 
 
-class Given:
-    """Frames that a caller holds in memory, in place of the file that a [stimulus] table names.
-
-    They stay in the process that plans: workers get the frames of their plan.
-    """
-
-    def __init__(self, values: NDArray[Any] | None) -> None:
-        self.values = values
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Given, (None,)
-
-
 class _Stored(_Timed):
     """Frames that are ready: in a file, or in memory."""
 
@@ -271,13 +249,17 @@ class _Stored(_Timed):
         "Numbers of the frames to use, from 0, in this order",
         'one of "all", "first", "last", or a list of frame numbers >= 0',
     )
-    _given: Given | None = PrivateAttr(None)
+    _given: NDArray[Any] | None = PrivateAttr(None)
 
     def given(self, values: NDArray[Any]) -> Self:
         """Return this table with values in memory; `file` is then only their name in errors."""
         made = self.model_copy()
-        made._given = Given(values)
+        made._given = values
         return made
+
+    def __getstate__(self) -> dict[Any, Any]:
+        """Leave the values in the process that plans: workers get the frames of their plan."""
+        return super().__getstate__() | {"__pydantic_private__": {"_given": None}}
 
 
 class FramesTable(_Stored):
@@ -548,7 +530,7 @@ def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> 
 def read_frames(table: _Stored, about: Surroundings) -> Floats:
     """Return the frames of a table's file, [frames, rows, cols], checked."""
     if table._given is not None:
-        values = _shaped(np.asarray(table._given.values), table.file, about)
+        values = _shaped(np.asarray(table._given), table.file, about)
     else:
         values = _read_file(table, about)
     _check_values(values, table.file, table)
