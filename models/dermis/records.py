@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -181,10 +181,6 @@ class Plan:
     @functools.cached_property
     def _first_network(self) -> Network:
         return Network(self.conductance_s(0), self.v_bias_v, **self.surrounding)
-
-    def networks(self) -> Iterator[Network]:
-        """The network of every frame."""
-        return (self.network(frame) for frame in range(self.frames))
 
     def duty_ideal(self) -> Floats:
         """x = V_b / (k i0 R) without any effect, [frames, rows, cols]."""

@@ -24,6 +24,7 @@ from dermis.processes import children, pool, watchdog
 from dermis.records import Plan
 from dermis.scene.design import ROOT
 from tb.programs.faults import inject
+from tb.system.system_bench import processes_with
 
 FRAMES, SIZE = 11, 6
 
@@ -42,9 +43,9 @@ def make_plan(tmp_path: Path):
 def _children_that_were_there() -> Iterator[None]:
     """No test here leaves a process; one of an earlier test in this process is not its business."""
     mark = f"{watchdog.VARIABLE}={children.guard()}/"
-    before = set(_sleepers(mark))
+    before = set(processes_with(mark))
     yield
-    assert set(_sleepers(mark)) <= before
+    assert set(processes_with(mark)) <= before
 
 
 @pytest.mark.parametrize("processes", [1, 2, 3])
@@ -155,18 +156,6 @@ batch.run(plan.load(sys.argv[1], "event"), processes=2)
 """
 
 
-def _sleepers(text: str) -> list[int]:
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            if entry.name.isdigit() and text.encode() in (entry / "environ").read_bytes():
-                found.append(int(entry.name))
-        # A process that ended while it was looked at.
-        except OSError:
-            continue
-    return found
-
-
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL], ids=["ctrl_c", "killed"])
 def test_the_workers_end_with_the_run(tmp_path: Path, how: signal.Signals) -> None:
     (tmp_path / "slow.py").write_text(SLOW)
@@ -181,13 +170,13 @@ def test_the_workers_end_with_the_run(tmp_path: Path, how: signal.Signals) -> No
     )
     assert run.stderr is not None
     assert run.stderr.readline().startswith("at work")  # two of them may write into one line
-    assert len(_sleepers(mark)) >= 3
+    assert len(processes_with(mark)) >= 3
     if how == signal.SIGINT:
         os.killpg(run.pid, how)  # as a terminal does it: to all of them
     else:
         run.kill()
     run.wait(20)
     end = time.monotonic() + 10
-    while _sleepers(mark) and time.monotonic() < end:
+    while processes_with(mark) and time.monotonic() < end:
         time.sleep(0.1)
-    assert _sleepers(mark) == []
+    assert processes_with(mark) == []

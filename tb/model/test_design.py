@@ -41,9 +41,9 @@ def test_the_paper_gives_its_own_derived_values() -> None:
         **{"integrator.v_preset_v": 0.5, "converter.swing_v": 1.5},
     }
     assert {key: found[key] for key in exact} == exact
-    # Five digits worked out by hand: 1 / (2 pi f), and 7500 N.ohm over 64250 ohm.
     rest = {"integrator.t_gbw_s": 3.1831e-9, "conveyor.t_pole_s": 7.9577e-9, "mirror.t_pole_s": 7.9577e-9}
     rest["sensor.force_min_n"] = 0.11673
+    # Five digits worked out by hand: 1 / (2 pi f), and 7500 N.ohm over 64250 ohm.
     assert {key: found[key] for key in found.keys() - exact} == pytest.approx(rest, rel=1e-4)
     assert design.resistance_full_scale_ohm == 500.0
     assert design.duty(500.0) == 0.5
@@ -187,15 +187,15 @@ def test_a_name_without_a_limit_is_not_judged() -> None:
     assert verdict.report("frame.nonsense", math.nan, "V")["status"] == "ERROR"
 
 
-def test_exit_code_misses_on_fail_on_error_and_on_no_rows() -> None:
-    good = verdict.judge("frame.code_error_lsb", 0)
-    bad = verdict.judge("frame.code_error_lsb", 9)
-    lost = verdict.judge("frame.code_error_lsb", None)
-    skipped = verdict.skip("frame.code_error_lsb", "no frames given")
-    assert verdict.exit_code([good, skipped]) == 0
-    assert verdict.exit_code([good, bad]) == 1
-    assert verdict.exit_code([good, lost]) == 1
-    assert verdict.exit_code([]) == 1
+GOOD, BAD, LOST = (verdict.judge("frame.code_error_lsb", value, "taxel [3, 4]") for value in (0, 9, None))
+SKIPPED = verdict.skip("frame.code_error_lsb", "no [red] frames")
+
+
+@pytest.mark.parametrize(
+    ("rows", "code"), [([GOOD, SKIPPED], 0), ([GOOD, BAD], 1), ([GOOD, LOST], 1), ([], 1)]
+)
+def test_exit_code_misses_on_fail_on_error_and_on_no_rows(rows: list[verdict.Row], code: int) -> None:
+    assert verdict.exit_code(rows) == code
 
 
 def test_rows_are_written_as_strict_json_and_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -211,13 +211,7 @@ def test_rows_are_written_as_strict_json_and_whole(tmp_path: Path, monkeypatch: 
 
 
 def test_the_table_shows_every_status_and_brackets_of_a_note(capsys: pytest.CaptureFixture[str]) -> None:
-    rows = [
-        verdict.judge("frame.code_error_lsb", 0, "taxel [3, 4]"),
-        verdict.judge("frame.code_error_lsb", 2),
-        verdict.judge("frame.code_error_lsb", None),
-        verdict.skip("frame.code_error_lsb", "no [red] frames"),
-    ]
-    verdict.print_rows(rows, "t")
+    verdict.print_rows([GOOD, BAD, LOST, SKIPPED], "t")
     shown = capsys.readouterr().out
     assert "taxel [3, 4]" in shown
     assert "no [red] frames" in shown

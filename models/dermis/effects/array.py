@@ -15,13 +15,7 @@ EFFECTS = (
     exact_effect(
         "lateral",
         "conductance of the sheet: resistors between neighbouring taxels, along rows and columns",
-        {
-            "r_ohm": positive(
-                "One resistor between the inner electrodes of every two neighbouring taxels, in ohm",
-                2e3,
-                (100.0, 1e4),
-            )
-        },
+        {"r_ohm": positive("Between inner electrodes of neighbouring taxels, in ohm", 2e3, (100.0, 1e4))},
         {"r_ohm": "array.r_lateral_ohm"},
         network=dict.fromkeys(("g_lateral_row_s", "g_lateral_column_s"), lambda p, _: 1.0 / p.r_ohm),
         needs={"column_input": {"r_ohm": 5.0}},
@@ -47,9 +41,7 @@ EFFECTS = (
         "resistance of pads and wires in series with rows and columns",
         {
             "r_row_ohm": not_negative("From the driver of a row to the sheet, in ohm", 3.0, (0.01, 150.0)),
-            "r_column_ohm": not_negative(
-                "From the sheet to the input of a column, in ohm", 1.0, (0.01, 150.0)
-            ),
+            "r_column_ohm": not_negative("From the sheet to a column's input, in ohm", 1.0, (0.01, 150.0)),
         },
         {"r_row_ohm": "wires.r_pad_row_ohm", "r_column_ohm": "wires.r_pad_column_ohm"},
         network={

@@ -20,7 +20,6 @@ from dermis.scene.schema import Strict, entry
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 PerColumn = _Number | Annotated[list[_Number], Field(min_length=1)]
 MIRRORED = tuple(t for t in TOPOLOGIES if t != "direct")
-RECORDS = ("network", "converter", "drive", "sensor")
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,9 @@ class Contribution(NamedTuple):
     converter: dict[str, Any]
     drive: dict[str, Any]
     sensor: dict[str, Any]
+
+
+RECORDS = Contribution._fields
 
 
 class Parameter(NamedTuple):
@@ -89,6 +91,7 @@ positive = functools.partial(number, gt=0)
 not_negative = functools.partial(number, ge=0)
 small = functools.partial(number, allowed="a finite number 0..0.1", ge=0, le=0.1)
 """Standard deviation of a factor 1 + sigma n, which stays positive at six sigma."""
+within_clock = functools.partial(number, allowed="a finite number >= 0, below one clock", ge=0)
 share = functools.partial(number, allowed="a finite number from 0 to below 1", ge=0, lt=1)
 celsius = functools.partial(number, allowed="a finite number above -273.15", gt=-273.15)
 

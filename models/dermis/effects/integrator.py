@@ -12,11 +12,7 @@ EFFECTS = (
     exact_effect(
         "offset_current",
         "constant current into every converter",
-        {
-            "i_a": column(
-                "Adds to the current into the converter, after the mirror, in A", 3e-7, (1e-10, 3e-7), 1e-9
-            )
-        },
+        {"i_a": column("Into every converter, after the mirror, in A", 3e-7, (1e-10, 3e-7), 1e-9)},
         converter={"i_offset_a": "i_a"},
     ),
     Effect(

@@ -33,12 +33,7 @@ EFFECTS = (
         "ratio error of the k:1 mirror, systematic and from column to column",
         {
             "ratio_error": column("Relative error of the current delivered", 0.02, (1e-3, 0.05), gt=-1),
-            "spread": small(
-                "Standard deviation of a further relative error, drawn for each column",
-                0.01,
-                (1e-4, 0.05),
-                default=0.0,
-            ),
+            "spread": small("Rms relative error from column to column", 0.01, (1e-4, 0.05), default=0.0),
         },
         {"ratio_error": "mirror.ratio_error"},
         converter={"gain": _gain},

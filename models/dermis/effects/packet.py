@@ -16,11 +16,7 @@ EFFECTS = (
     exact_effect(
         "preset_error",
         "error of the preset voltage",
-        {
-            "v_v": column(
-                "Error of the preset, in V of the integrator; plus is more charge", 0.2, (1e-4, 0.3), 1e-3
-            )
-        },
+        {"v_v": column("Error, in V of the integrator; plus is more charge", 0.2, (1e-4, 0.3), 1e-3)},
         converter={"preset_error_v": "v_v"},
     ),
     exact_effect(

@@ -48,12 +48,10 @@ def write(
     command: Sequence[str] | None = None,
     maps: Sequence[tuple[str, NDArray[Any], str]] = (),
 ) -> None:
-    """Write a report page.
+    """Write a report page, whole or not at all.
 
     Parameters
     ----------
-    path : the page, whole or not at all
-    title : its heading
     tables : verdict rows by the name of their target
     runs : directories that `dermis run` or the like has filled
     images : figures of the command, PNG; the first is on the first screen, else that of the first run

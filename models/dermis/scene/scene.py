@@ -142,13 +142,8 @@ class Scene:
 
 def find(name: str) -> Path:
     """Return the path of a scene, given by path or by name; raise InputError if no scene has this name."""
-    path = Path(name)
-    try:
-        there = path.exists()
-    except (OSError, ValueError):  # too long, or with a NUL: no file has such a name
-        there = False
-    if path.suffix == ".toml" or there or "/" in name:
-        return path
+    if name.endswith(".toml") or os.path.exists(name) or "/" in name:
+        return Path(name)
     if name not in (known := names()):
         allowed = f"a path to a .toml file, or one of {', '.join(known)}"
         raise InputError("command line", "SCENE", name, allowed)
@@ -294,11 +289,6 @@ def _filled(table: Any, design: Design) -> Any:
     return table.model_copy(update=found)
 
 
-def schema_rows() -> Iterator[tuple[str, str, str, str]]:
-    """Yield (key, default, allowed values, meaning) of every key of a scene."""
-    yield from _rows("", SceneTable)
-
-
 def schema_table() -> str:
     """Return the keys of a scene as Markdown tables, one for each section, for docs/scenes.md."""
     lines, section = [], None
@@ -325,7 +315,8 @@ def scenes_table(directory: Path = SCENES) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, str]]:
+def schema_rows(prefix: str = "", model: type[BaseModel] = SceneTable) -> Iterator[tuple[str, str, str, str]]:
+    """Yield (key, default, allowed values, meaning) of every key of a scene, or of one of its tables."""
     inner: dict[str, type[BaseModel]] = {}
     # Keys of the table itself come before keys of its base classes.
     own = [n for c in model.__mro__ if issubclass(c, BaseModel) for n in c.__annotations__]
@@ -333,20 +324,15 @@ def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, 
         field = model.model_fields[name]
         # Tables of a list are documented where they are alternatives of another key.
         members = [] if typing.get_origin(field.annotation) is list else schema.models_of(field.annotation)
-        extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
-        if members and not _other_than_tables(field.annotation):
-            if len(members) == 1:
-                inner[prefix + name] = members[0]
-                continue
-            for member in members:
-                (tag,) = typing.get_args(member.model_fields["kind"].annotation)
-                inner[f"{prefix}{name} kind = {tag}"] = member
-            continue
-        if members:
-            inner[prefix + name] = members[0]
-        yield prefix + name, _default(field, extra), schema.allowed_of(field), field.description or ""
+        for member in members:
+            tag = ""
+            if len(members) > 1:
+                tag = f" kind = {typing.get_args(member.model_fields['kind'].annotation)[0]}"
+            inner[prefix + name + tag] = member
+        if not members or _other_than_tables(field.annotation):
+            yield prefix + name, _default(field), schema.allowed_of(field), field.description or ""
     for name, member in inner.items():
-        yield from _rows(name + ".", member)
+        yield from schema_rows(name + ".", member)
 
 
 def _other_than_tables(annotation: Any) -> bool:
@@ -355,11 +341,11 @@ def _other_than_tables(annotation: Any) -> bool:
     return bool in parts or any(typing.get_origin(part) is Literal for part in parts)
 
 
-def _default(field: Any, extra: dict[str, Any]) -> str:
+def _default(field: Any) -> str:
     if field.is_required():
         return "must be given"
-    if extra.get("default_from"):
-        return str(extra["default_from"])
+    if source := field.json_schema_extra["default_from"]:
+        return str(source)
     if field.default is None:
         return "off" if bool in typing.get_args(field.annotation) else "left out"
     return f'"{field.default}"' if isinstance(field.default, str) else str(field.default)

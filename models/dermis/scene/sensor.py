@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -158,10 +158,10 @@ def _wrong(table: SensorTable) -> Iterator[tuple[str, str]]:
 
 def make_sensor(table: SensorTable) -> Sensor:
     """Make the sensor of a resolved [sensor] table."""
-    given: dict[str, Any] = {key: getattr(table, key) for key in _KEYS[table.law]}
     if table.law == "inverse":
-        return InverseSensor(**given)
-    return PowerSensor(**{k: tuple(v) if isinstance(v, list) else v for k, v in given.items()})
+        return InverseSensor(table.k_force_n_ohm)
+    points = tuple(table.force_points_n), tuple(table.r_points_ohm)
+    return PowerSensor(*points, table.force_on_n, table.r_open_ohm)
 
 
 @dataclass(frozen=True)
