@@ -119,6 +119,12 @@ def test_a_table_without_its_module_says_what_to_install(
         ({"force_n": [[1.0]], "processes": 0}, "simulate: processes = 0: a whole number"),
         ({"force_n": [[1.0]], "simulator": "icarus"}, 'simulate: simulator = "icarus": engine rtl or cosim'),
         ({}, "simulate: stimulus = nothing: a table with a kind"),
+        ({"scene": "recorded_touch", "force_n": [[1.0]]}, r"stimulus\.t_frame_s"),
+        ({"scene": {"stimulus": {"t_frame_ms": 8}}, "force_n": [[1.0]]}, "t_frame_ms"),
+        ({"force_n": [[1.0]], "stimulus": {"file": "x.npy"}}, r"stimulus\.file"),
+        ({"force_n": [[1.0]], "stimulus": {"unit": "codes"}}, r"stimulus\.unit"),
+        ({"force_n": [[1.0]], "effects": {"row_driver": None}}, "effects.row_driver = None"),
+        ({"force_n": [[1.0]], "effects": {"column_offset": {"v_v": None}}}, "column_offset.v_v = None"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(arguments: dict[str, Any], said: str) -> None:

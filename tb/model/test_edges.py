@@ -173,13 +173,3 @@ def test_keys_of_a_stimulus_count_beside_an_array() -> None:
     other = dermis.simulate({"effects": world["effects"]}, force_n=force, stimulus={"t_frame_s": 0.008}).codes
     assert (codes == other).all()
     assert (codes != dermis.simulate({"effects": world["effects"]}, force_n=force).codes).any()
-    with pytest.raises(InputError, match=r"stimulus\.t_frame_s"):
-        dermis.simulate("recorded_touch", force_n=force)
-    for key, value in (("file", "x.npy"), ("unit", "codes")):
-        with pytest.raises(InputError, match=rf"stimulus\.{key}"):
-            dermis.simulate(force_n=force, stimulus={key: value})
-    for on in ({"row_driver": None}, {"column_offset": {"v_v": None}}):
-        with pytest.raises(InputError, match="None"):
-            dermis.simulate(force_n=force, effects=on)
-    with pytest.raises(InputError, match="t_frame_ms"):
-        dermis.simulate({"stimulus": {"t_frame_ms": 8}}, force_n=force)

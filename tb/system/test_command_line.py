@@ -24,9 +24,7 @@ from dermis.cli import main
 from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design
 
-DATA = Path(os.environ.get("DERMIS_DATA", ROOT.parent / "shared" / "data"))
-
-
+Write = Callable[..., Path]
 Here = Callable[..., tuple[int, str]]
 
 
@@ -77,9 +75,9 @@ def test_a_run_writes_every_file_and_its_resolved_scene_gives_the_same_codes(tmp
     assert np.array_equal(simulate(out / "resolved.toml").codes, codes)
 
 
-def test_a_run_checks_only_when_asked_and_says_what_that_costs(tmp_path: Path) -> None:
+def test_a_run_checks_only_when_asked_and_says_what_that_costs(tmp_path: Path, write_scene: Write) -> None:
     text = '[stimulus]\nkind = "uniform"\ncode = [50, 100, 150]\n[effects]\nauto = {}\n'
-    scene, out = scene_with(tmp_path, text), tmp_path / "out"
+    scene, out = str(write_scene(text)), tmp_path / "out"
 
     def rows(*options: str) -> dict[str, dict[str, object]]:
         done = dermis("run", scene, "--out", str(out), *options)
@@ -98,12 +96,6 @@ def one_line(code: int, said: str, words: str) -> None:
     assert code == 2
     assert len(said.strip().splitlines()) == 1
     assert words in said
-
-
-def scene_with(tmp_path: Path, text: str) -> str:
-    path = tmp_path / "scene.toml"
-    path.write_text(text)
-    return str(path)
 
 
 UNIFORM = '[stimulus]\nkind = "uniform"\nforce_n = 3.0\n'
@@ -170,19 +162,20 @@ line_capacitance = { c_row_f = 1e-7, c_column_f = 1e-7 }
 
 @pytest.mark.long
 @pytest.mark.parametrize("processes", ["1", "2"])
-def test_a_run_that_fails_in_its_engine_leaves_nothing(tmp_path: Path, processes: str) -> None:
-    scene = scene_with(tmp_path, FAILS_IN_THE_ENGINE)
-    out = tmp_path / "out"
-    arguments = ["run", scene, "--out", str(out), "--processes", processes]
+def test_a_run_that_fails_in_its_engine_leaves_nothing(
+    tmp_path: Path, processes: str, write_scene: Write
+) -> None:
+    scene, out = write_scene(FAILS_IN_THE_ENGINE), tmp_path / "out"
+    arguments = ["run", str(scene), "--out", str(out), "--processes", processes]
     done = dermis(*arguments)
     one_line(done.returncode, done.stderr, "effects.line_capacitance")
     assert not out.exists()
     # What an earlier run left stays whole.
-    scene_with(tmp_path, FAILS_IN_THE_ENGINE.replace("100.0", "0.01"))
+    write_scene(FAILS_IN_THE_ENGINE.replace("100.0", "0.01"))
     assert dermis(*arguments).returncode == 0
     before = _contents(out)
     assert len(before) == 5
-    scene_with(tmp_path, FAILS_IN_THE_ENGINE)
+    write_scene(FAILS_IN_THE_ENGINE)
     assert dermis(*arguments).returncode == 2
     assert _contents(out) == before
 
@@ -240,10 +233,10 @@ def test_a_defect_is_one_line_even_where_its_log_cannot_be_written(
     assert "no such thing" in (tmp_path / "build" / "internal_error.log").read_text()
 
 
-def test_an_ablation_prints_what_it_writes(tmp_path: Path) -> None:
+def test_an_ablation_prints_what_it_writes(write_scene: Write) -> None:
     names = ("mirror_ratio", "offset_current")
     text = f"[array]\nrows = 2\ncols = 2\n{UNIFORM}[effects]\n" + "".join(f"{n} = true\n" for n in names)
-    done = dermis("ablate", scene_with(tmp_path, text), "--engine", "event", "--pairs", "1", "--frames", "1")
+    done = dermis("ablate", str(write_scene(text)), "--engine", "event", "--pairs", "1", "--frames", "1")
     assert done.returncode == 0, done.stderr
     rows = {row["name"]: row for row in json.loads((ROOT / "build" / "ablate.json").read_text())}
     assert {name.split(".")[1] for name in rows} == {"all_effects", *names}
@@ -261,12 +254,11 @@ def test_a_missing_simulator_is_named(tmp_path: Path) -> None:
     one_line(done.returncode, done.stderr, "iverilog")
 
 
-def test_no_text_of_a_scene_reaches_the_deck(tmp_path: Path) -> None:
+def test_no_text_of_a_scene_reaches_the_deck(tmp_path: Path, write_scene: Write) -> None:
     file = tmp_path / "x\n.control\nshell touch gotcha\n.endc.npy"
     np.save(file, np.full((2, 2), 1e3))
     name = file.name.replace("\n", "\\n")
-    scene = tmp_path / "scene.toml"
-    scene.write_text(
+    scene = write_scene(
         f'title = "a\\n.control\\nshell touch gotcha\\n.endc"\n[array]\nrows = 2\ncols = 2\n'
         f'[stimulus]\nkind = "resistance"\nfile = "{name}"\n'
     )
@@ -275,20 +267,14 @@ def test_no_text_of_a_scene_reaches_the_deck(tmp_path: Path) -> None:
     assert not [line for line in deck if "\n" in line or "gotcha" in line or ".control" in line]
 
 
-def test_frames_of_a_pressure_sheet_read_back_as_their_codes(tmp_path: Path) -> None:
-    """A real gait frame where the data is there, a made one elsewhere; Verilog and ngspice read it."""
-    real = DATA / "fscan_gait_16x16.csv"
-    if real.exists():
-        lines = real.read_text().splitlines()
-    else:
-        rng = np.random.default_rng(1)
-        lines = [",".join(map(str, rng.integers(0, 256, 256))) for _ in range(3)]
-    strongest = max(range(len(lines)), key=lambda i: sum(map(float, lines[i].split(","))))
+def test_frames_of_a_pressure_sheet_read_back_as_their_codes(tmp_path: Path, gait_csv: Path) -> None:
+    """Verilog and ngspice read the strongest frame."""
+    frame = max(gait_csv.read_text().splitlines(), key=lambda line: sum(map(float, line.split(","))))
     file = tmp_path / "sheet.csv"
-    file.write_text(lines[strongest] + "\n")
+    file.write_text(f"{frame}\n")
     done = dermis("sim", "--frames", str(file), "--only", "frame_file")
     assert done.returncode == 0, done.stdout + done.stderr
     rows = {row["name"]: row for row in json.loads((ROOT / "build" / "sim.json").read_text())}
     assert rows["frame.readback_error_lsb.frame_file"]["status"] == "PASS"
     codes = np.load(ROOT / "build" / "sim" / "frame_file" / "codes.npy")
-    assert np.array_equal(codes.ravel(), np.array(lines[strongest].split(","), float).astype(int))
+    assert np.array_equal(codes.ravel(), np.array(frame.split(","), float).astype(int))
