@@ -249,12 +249,12 @@ class _Stored(_Timed):
         "Numbers of the frames to use, from 0, in this order",
         'one of "all", "first", "last", or a list of frame numbers >= 0',
     )
-    _given: NDArray[Any] | None = PrivateAttr(None)
+    _given: Callable[[], NDArray[Any]] | None = PrivateAttr(None)  # arrays could not be compared
 
     def given(self, values: NDArray[Any]) -> Self:
         """Return this table with values in memory; `file` is then only their name in errors."""
         made = self.model_copy()
-        made._given = values
+        made._given = lambda: values
         return made
 
     def __getstate__(self) -> dict[Any, Any]:
@@ -530,7 +530,7 @@ def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> 
 def read_frames(table: _Stored, about: Surroundings) -> Floats:
     """Return the frames of a table's file, [frames, rows, cols], checked."""
     if table._given is not None:
-        values = _shaped(np.asarray(table._given), table.file, about)
+        values = _shaped(np.asarray(table._given()), table.file, about)
     else:
         values = _read_file(table, about)
     _check_values(values, table.file, table)
