@@ -35,7 +35,6 @@ def _panel(
 def svg(design: Design) -> str:
     """Return the picture of scene `SCENE` in this design; engine closed, as every engine gives its codes."""
     read = dermis.simulate(SCENE, engine="closed", design=design)
-    assert read.applied_force_n is not None
     force, codes = read.applied_force_n[0], read.codes[0]
     most, code_max = design.sensor.force_max_n, design.timing.code_max
     panels = [

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings that every test shares: numpy raises on invalid operations, divisions by zero and overflows."""
+"""What every test shares: numpy raises on invalid operations, divisions by zero and overflows; scenes and frames."""
 
 from __future__ import annotations
 
+import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,3 +57,30 @@ def _strict_numbers() -> Iterator[None]:
     """Every invalid, overflowing or zero-dividing operation of numpy that is not meant raises."""
     with np.errstate(divide="raise", over="raise", invalid="raise"):
         yield
+
+
+@pytest.fixture
+def write_scene(tmp_path: Path) -> Callable[..., Path]:
+    """Write a scene file and the files beside it; returns its path."""
+
+    def write(text: str, **files: str | bytes) -> Path:
+        for name, content in files.items():
+            data = content if isinstance(content, bytes) else content.encode()
+            (tmp_path / name.replace("__", ".")).write_bytes(data)
+        path = tmp_path / "scene.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def gait_csv(tmp_path: Path) -> Path:
+    """205 real pressure frames where they are at hand, else two made ones of the same kind."""
+    data = Path(os.environ.get("DERMIS_DATA", design.ROOT.parent / "shared" / "data"))
+    if (real := data / "fscan_gait_16x16.csv").is_file():
+        return real
+    made = tmp_path / "frames_made.csv"
+    frames = [[(7 * i + 3 * f) % 256 for i in range(256)] for f in range(2)]
+    made.write_text("".join(",".join(map(str, frame)) + "\n" for frame in frames))
+    return made

@@ -83,10 +83,9 @@ class Result(engines.Result):
         return self._decoded.resistance_ohm
 
     @property
-    def applied_force_n(self) -> Floats | None:
-        """Forces of the stimulus in newtons; None for a stimulus of shorts and resistances without
-        a force.
-        """
+    def applied_force_n(self) -> Floats:
+        """Forces of the stimulus in newtons; of resistances, those of the sensor's law."""
+        assert self.plan.force_n is not None
         return self.plan.force_n
 
     @property
@@ -97,16 +96,15 @@ class Result(engines.Result):
     def to_xarray(self) -> xarray.Dataset:
         """Return an xarray dataset with dimensions frame, row, col and the coordinate time_s.
 
-        Raises
-        ------
-        InputError
-            xarray is not installed.
+        Raises InputError if xarray is not installed.
         """
         module = optional("xarray", "tables")
         names = ("frame", "row", "col")
-        force = {"force_n": self.force_n, "applied_force_n": self.applied_force_n}
-        data = {name: (names, values, {"units": "N"}) for name, values in force.items() if values is not None}
-        data = {"code": (names, self.codes, {"units": "1"}), **data}
+        data = {
+            "code": (names, self.codes, {"units": "1"}),
+            "force_n": (names, self.force_n, {"units": "N"}),
+            "applied_force_n": (names, self.applied_force_n, {"units": "N"}),
+        }
         coords = {name: np.arange(size) for name, size in zip(names, self.codes.shape, strict=True)}
         attributes = {"title": self.plan.scene.title, "engine": self.plan.engine, "seed": self.plan.seed}
         time = ("frame", self.time_s, {"units": "s"})
@@ -115,10 +113,7 @@ class Result(engines.Result):
     def to_pandas(self) -> pandas.DataFrame:
         """Return a pandas table with one line a taxel and the index frame, row, col.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises InputError if pandas or xarray is not installed.
         """
         optional("pandas", "tables")
         return self.to_xarray().drop_vars("time_s").to_dataframe()
@@ -172,9 +167,8 @@ def simulate(
     SimulatorError
         A simulator failed; the line says where its log is.
     """
-    world = _scene(
-        scene, _given(force_n=force_n, resistance_ohm=resistance_ohm), design, engine, effects, seed, tables
-    )
+    given = _given(force_n=force_n, resistance_ohm=resistance_ohm)
+    world = _scene(scene, given, design, engine, effects, seed, tables)
     options: dict[str, Any] = {} if simulator is None else {"simulator": simulator}
     made = plan.make(world)
     if options and made.engine not in ("rtl", "cosim"):
@@ -220,7 +214,7 @@ def newtons(
 
 def scene_names() -> list[str]:
     """Return the names of the scenes that come with the package."""
-    return sorted(path.stem for path in scenes.SCENES.glob("*.toml"))
+    return scenes.names()
 
 
 def warm_up() -> None:
@@ -309,5 +303,5 @@ def _in_place(own: Any, name: str, asked: Any, path: Path) -> Any:
 
 def _design(design: DesignLike | None) -> Design:
     if isinstance(design, Mapping):
-        return designs.changed(schema.plain(design))
+        return designs.load().replace(**schema.plain(design))
     return design if isinstance(design, Design) else designs.load(design)

@@ -47,6 +47,8 @@ def elsewhere() -> dict[str, tuple[str, str]]:
 
 NO_TABLE = ("docs", "plan", "report")
 """Commands that write no verdict table."""
+FULL_BYTES = 1 << 16
+"""A disk with less free space counts as full."""
 
 
 def with_page(name: str, command: click.Command) -> click.Command:
@@ -258,22 +260,19 @@ def _run() -> int:
         if error.errno is None:
             return _defect(error)
         where = error.filename or "a file or a process of this run"
-        _say(f"{where}: {error.strerror}{_HINTS.get(error.errno, '')}{_traceback()}")
+        hint = next((hint for numbers, hint in _HINTS.items() if error.errno in numbers), "")
+        _say(f"{where}: {error.strerror}{hint}{_traceback()}")
         return 3
     except Exception as error:  # any other exception is a defect
         return _defect(error)
 
 
 _HINTS = {
-    **dict.fromkeys(
-        (errno.ENOSPC, errno.EDQUOT), ": free some space, or name another disk by --out or TMPDIR"
-    ),
-    errno.EFBIG: ": above the file size that ulimit -f or the file system allows",
-    **dict.fromkeys(
-        (errno.EACCES, errno.EPERM, errno.EROFS), ": give this user access, or use another place"
-    ),
-    **dict.fromkeys((errno.EMFILE, errno.ENFILE), ": more open files than ulimit -n allows"),
-    **dict.fromkeys((errno.EAGAIN, errno.ENOMEM), ": above the processes or memory that this user may have"),
+    (errno.ENOSPC, errno.EDQUOT): ": free some space, or name another disk by --out or TMPDIR",
+    (errno.EFBIG,): ": above the file size that ulimit -f or the file system allows",
+    (errno.EACCES, errno.EPERM, errno.EROFS): ": give this user access, or use another place",
+    (errno.EMFILE, errno.ENFILE): ": more open files than ulimit -n allows",
+    (errno.EAGAIN, errno.ENOMEM): ": above the processes or memory that this user may have",
 }
 """Remedies for errors of the system."""
 
@@ -292,10 +291,6 @@ def _without_room(error: DermisError) -> str:
                 if shutil.disk_usage(place).free < FULL_BYTES:
                     return f"; no room is left in {place}"
     return ""
-
-
-FULL_BYTES = 1 << 16
-"""A disk with less free space counts as full."""
 
 
 def _traceback() -> str:

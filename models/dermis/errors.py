@@ -50,18 +50,10 @@ class DermisError(Exception):
 
 
 class InputError(DermisError):
-    """Something the user wrote is wrong.
+    """Something the user wrote is wrong: one line "FILE: KEY = VALUE: ALLOWED".
 
-    Parameters
-    ----------
-    file : path or str
-        File of the value; "command line" for an option.
-    key : str
-        Dotted name, or the place in a table ("line 3, value 7").
-    value : object
-        The value found; text of a file must be `quoted` first.
-    allowed : str
-        Allowed values, or the remedy.
+    The file is "command line" for an option, the key a dotted name or the place in a table ("line 3, value 7").
+    Text of a file must be `quoted` first; the last part is the allowed values, or the remedy.
     """
 
     exit_code = 2
@@ -72,10 +64,8 @@ class InputError(DermisError):
         self.value = value
         self.allowed = allowed
         # Each part is visible, also a TOML key that is empty or has no printable character.
-        said = [
-            one_line(part, length) or EMPTY
-            for part, length in ((self.file, 400), (key, 200), (value, _VALUE_LENGTH), (allowed, 1000))
-        ]
+        parts = (self.file, 400), (key, 200), (value, _VALUE_LENGTH), (allowed, 1000)
+        said = (one_line(part, length) or EMPTY for part, length in parts)
         super().__init__("{}: {} = {}: {}".format(*said))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -84,13 +74,7 @@ class InputError(DermisError):
 
 
 def optional(module: str, extra: str) -> Any:
-    """Import a module that only an extra of the package brings.
-
-    Raises
-    ------
-    InputError
-        It is not installed; names the extra.
-    """
+    """Import a module that only an extra of the package brings, or raise InputError, which names the extra."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
@@ -101,10 +85,7 @@ def optional(module: str, extra: str) -> Any:
 
 
 def install_line(extra: str) -> str:
-    """Return the command that installs the packages of an extra into this Python.
-
-    It names the packages, as dermis itself is in no package index.
-    """
+    """Return the command that installs the packages of an extra, by name: dermis itself is in no package index."""
     try:
         asked = importlib.metadata.requires("dermis") or []
     except importlib.metadata.PackageNotFoundError:  # a checkout on PYTHONPATH
@@ -132,15 +113,7 @@ def tool_path(name: str, what: str) -> str:
 
 
 class SimulatorError(DermisError):
-    """A simulator failed.
-
-    Parameters
-    ----------
-    what : str
-        The failed step, with time and node if known.
-    log : path or str, optional
-        Its log.
-    """
+    """A simulator failed: the step, with time and node if known, and its log."""
 
     exit_code = 3
 

@@ -45,8 +45,7 @@ def write_atomic(path: Path, content: str | bytes) -> None:
 
 @contextlib.contextmanager
 def locked(path: Path, *, wait: bool = True) -> Iterator[int | None]:
-    """Hold a file, or a directory, for this process alone; give its handle, or None if another one
-    has it.
+    """Hold a file, or a directory, for this process alone; give its handle, or None if another one has it.
 
     The lock ends with the process, however that ends. A file that is not there is made. On a file
     system without locks everybody has it at once.
@@ -68,13 +67,7 @@ def locked(path: Path, *, wait: bool = True) -> Iterator[int | None]:
 
 
 def text_of(path: Path, allowed: str) -> str:
-    """Read a text file that somebody else made.
-
-    Raises
-    ------
-    InputError
-        It is not there, cannot be read or is no text.
-    """
+    """Read a text file that somebody else made; raise InputError if it is not there, cannot be read or is no text."""
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
@@ -84,13 +77,9 @@ def text_of(path: Path, allowed: str) -> str:
 
 
 def write_between(path: Path, begin: str, end: str, content: str) -> None:
-    """Put text between two marks of a file, each on a line of its own; a file of build/ gets its
-    marks here.
+    """Put text between two marks of a file, each on a line of its own; a file of build/ gets its marks here.
 
-    Raises
-    ------
-    InputError
-        The marks are not there, once each and in this order.
+    Raises InputError if the marks are not there, once each and in this order.
     """
     text = path.read_text(encoding="utf-8") if path.exists() else ""
     if path.is_relative_to(BUILD) and begin not in text and end not in text:

@@ -23,10 +23,7 @@ AGAIN_S = 10.0
 def argument(values: Any, name: str, shape: tuple[int | None, ...], least: float | None = None) -> Any:
     """Return values as an array that a compiled loop may read: contiguous, finite doubles of a shape; None is any size.
 
-    Raises
-    ------
-    ValueError
-        Another shape, no real numbers, not finite, or below `least`.
+    Raises ValueError for another shape, no real numbers, not finite, or below `least`.
     """
     import numpy as np
 
@@ -78,17 +75,14 @@ def _listen() -> None:
 
         def say(self) -> None:
             with self.lock:
-                self.tell()
-
-        def tell(self) -> None:
-            if (spent := time.monotonic() - self.begin) < self.next_s:
-                return
-            words = f"{self.loops} loops in {spent:.0f} s"
-            if self.next_s < AGAIN_S:  # the first line
-                # Measured on a core of an AMD EPYC: simulate 9 s, Skin 16 s, noise and moving currents 48 s.
-                words = "about 10 to 50 s, by the effects"
-            print(f"compiling once for this processor: {words}", file=sys.stderr, flush=True)
-            self.next_s = spent + AGAIN_S
+                if (spent := time.monotonic() - self.begin) < self.next_s:
+                    return
+                words = f"{self.loops} loops in {spent:.0f} s"
+                if self.next_s < AGAIN_S:  # the first line
+                    # Measured on a core of an AMD EPYC: simulate 9 s, Skin 16 s, noise and moving currents 48 s.
+                    words = "about 10 to 50 s, by the effects"
+                print(f"compiling once for this processor: {words}", file=sys.stderr, flush=True)
+                self.next_s = spent + AGAIN_S
 
     event.register("numba:compile", Progress())
 
@@ -101,10 +95,8 @@ def drop_stale(package: Path) -> None:
     """
     folders = [package, *(path for path in package.iterdir() if path.is_dir())]
     # An index is named after module, function and line.
-    kept = {
-        index: index.name.split(".")[0] for folder in folders for index in folder.glob("__pycache__/*.nbi")
-    }
-    sources = {index.parent.parent / f"{module}.py" for index, module in kept.items()}
+    kept = [index for folder in folders for index in folder.glob("__pycache__/*.nbi")]
+    sources = {index.parent.parent / f"{index.name.split('.')[0]}.py" for index in kept}
     with contextlib.suppress(OSError):  # another process may be first, or the folder read-only
         for source in filter(Path.is_file, [*sources]):
             for module, names in _IMPORT.findall(source.read_text(encoding="utf-8")):

@@ -24,21 +24,9 @@ from dermis.scene.views import Views
 
 
 def load(scene_path: str | Path, engine: str | None = None, design: Design | None = None) -> Plan:
-    """Read a scene and plan it.
+    """Read a scene and plan it; an `engine` overrides run.engine, and a design models/design.toml.
 
-    Parameters
-    ----------
-    scene_path : path
-        The TOML file.
-    engine : str, optional
-        Overrides run.engine of the scene.
-    design : Design, optional
-        Other than models/design.toml.
-
-    Raises
-    ------
-    InputError
-        Anything wrong with the scene or the files it names.
+    Raises InputError for anything wrong with the scene or the files it names.
     """
     return make(scene.load(scene_path, design), engine)
 
@@ -99,8 +87,7 @@ def whole(world: Scene, engine: str, auto: effects.AutoTable | None = None) -> P
     aging = SensorState(**contribution.sensor), design.sensor.creep_start_s, setting_of(world).rng
     resistance_ohm = age(sensor, made.resistance_ohm, made.t_frame_s, *aging)
     for array in (resistance_ohm, made.force_n):
-        if array is not None:
-            array.flags.writeable = False
+        array.flags.writeable = False
     return Plan(
         scene=world,
         topology=interface.topology,

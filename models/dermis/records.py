@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plan of a simulation: frames, the records Network, Converter and Drive, and the effects with
-reasons.
-"""
+"""The plan of a simulation: frames, the records Network, Converter and Drive, and effects with reasons."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -66,14 +64,11 @@ class Drive:
     motion: bool = False
 
     def turns(self, frame: int, clocks: int, f_clk_hz: float) -> float:
-        """Return the phase of the ripple, 0..1 of a turn, `clocks` clocks into a frame, without its
-        own phase.
+        """Return the phase of the ripple, 0..1 of a turn, `clocks` clocks into a frame, without its own phase.
 
-        In integers, of the decimals that were written: however long a run is, its last frame is as
-        exact as its first.
+        In integers, of the decimals that were written: the last frame of any run is as exact as its first.
         """
-        per_frame, per_clock, whole = _turns(self.f_ripple_hz, self.t_frame_s, f_clk_hz)
-        return (frame * per_frame + clocks * per_clock) % whole / whole
+        return float(self.turns_at([frame], [clocks], f_clk_hz)[0, 0])
 
     def turns_at(self, frames: Iterable[int], clocks: Iterable[int], f_clk_hz: float) -> Floats:
         """`turns` of every frame at every one of `clocks`, [frames, clocks]."""
@@ -96,57 +91,26 @@ _DRIVE_GIVEN = frozenset({"t_frame_s", "f_ripple_hz", "phase_ripple_rad"})
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Everything an engine, a deck or a report needs; engines are known here by name only.
+    """Everything an engine, a deck or a report needs; engines are known here by name only."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The resolved scene.
-    topology : str
-        One of design.TOPOLOGIES.
-    timing : Timing
-    resistance_ohm : ndarray
-        [frames, rows, cols], 0..inf.
-    force_n : ndarray or None
-        [frames, rows, cols] in newtons; None where a stimulus has none.
-    sensor : Sensor
-        The law that ties the two as long as no effect of the sensor is on.
-    converter : Converter
-    drive : Drive
-    engine, seed : str, int
-    views : Views
-        View of every SPICE block, for engine cosim.
-    filtered : bool
-        Whether engine event walks open cells alone (docs/auto.md).
-    auto : AutoTable or None
-        Budget of the filter; None without [effects] auto.
-    surrounding : dict
-        Fields of Network other than the taxels and the bias.
-    first_frame : int
-        Number of frame 0 in the whole run: a part of a plan keeps its place in time and its random numbers.
-    next_resistance_ohm : ndarray or None
-        [rows, cols] of the frame after the last one, for motion; None if the last one holds.
-    front_end : FrontEnd or None
-        The board that reads the sheet instead of the chip; no engine can do it.
-    """
-
-    scene: Scene
-    topology: str
+    scene: Scene  # resolved
+    topology: str  # one of design.TOPOLOGIES
     timing: Timing
-    resistance_ohm: Floats
-    force_n: Floats | None
-    sensor: Sensor
+    resistance_ohm: Floats  # [frames, rows, cols], 0..inf
+    force_n: Floats | None  # [frames, rows, cols] in newtons; None in a worker, whose engine reads none
+    sensor: Sensor  # the law that ties the two as long as no effect of the sensor is on
     converter: Converter
     drive: Drive
     engine: str
     seed: int
-    views: Views
-    surrounding: dict[str, Any]
+    views: Views  # of every SPICE block, for engine cosim
+    surrounding: dict[str, Any]  # fields of Network other than the taxels and the bias
+    # Number of frame 0 in the whole run: a part of a plan keeps its place in time and its random numbers.
     first_frame: int = 0
-    next_resistance_ohm: Floats | None = None
-    filtered: bool = False
-    auto: effects.AutoTable | None = None
-    front_end: FrontEnd | None = None
+    next_resistance_ohm: Floats | None = None  # [rows, cols] after the last frame, None if that one holds
+    filtered: bool = False  # engine event walks open cells alone (docs/auto.md)
+    auto: effects.AutoTable | None = None  # budget of the filter; None without [effects] auto
+    front_end: FrontEnd | None = None  # the board in place of the chip; no engine can do it
 
     @property
     def frames(self) -> int:
@@ -174,9 +138,7 @@ class Plan:
             return np.divide(1.0, self.resistance_ohm[frames])
 
     def next_conductance_s(self, frames: slice = slice(None)) -> Floats:
-        """Return the conductance in siemens of the frame after each of some frames; the last frame
-        of a run holds.
-        """
+        """Return the conductance in siemens of the frame after each of some frames; the last frame holds."""
         last = self.resistance_ohm[-1] if self.next_resistance_ohm is None else self.next_resistance_ohm
         first, stop, _ = frames.indices(self.frames)
         behind = self.resistance_ohm[first + 1 : stop + 1]
@@ -214,18 +176,11 @@ class Plan:
         """The network of one frame."""
         if frame == 0:
             return self._first_network
-        return self._network(frame)
+        return Network(self.conductance_s(frame), self.v_bias_v, **self.surrounding)
 
     @functools.cached_property
     def _first_network(self) -> Network:
-        return self._network(0)
-
-    def _network(self, frame: int) -> Network:
-        return Network(self.conductance_s(frame), self.v_bias_v, **self.surrounding)
-
-    def networks(self) -> Iterator[Network]:
-        """The network of every frame."""
-        return (self.network(frame) for frame in range(self.frames))
+        return Network(self.conductance_s(0), self.v_bias_v, **self.surrounding)
 
     def duty_ideal(self) -> Floats:
         """x = V_b / (k i0 R) without any effect, [frames, rows, cols]."""

@@ -43,9 +43,7 @@ def tactile(
     mesh = int(model.sensor_objid[sensor])
     vertices = int(model.mesh_vertnum[mesh]) if 0 <= mesh < len(model.mesh_vertnum) else 0
     if int(model.sensor_plugin[sensor]) >= 0 or vertices != rows * cols:
-        raise ValueError(
-            f"sensor {name} is no tactile sensor with a mesh of {rows} x {cols} vertices, but {vertices}"
-        )
+        raise ValueError(f"sensor {name} is no tactile sensor with {rows} x {cols} vertices, but {vertices}")
     return stiffness_n_per_m * np.maximum(_channels(values, name, rows, cols)[..., 0, :, :], 0.0)
 
 
@@ -63,8 +61,6 @@ def _values(model: Any, sensordata: ArrayLike, name: str) -> tuple[int, Floats]:
 
 
 def _channels(values: Floats, name: str, rows: int, cols: int) -> Floats:
-    if values.shape[-1] % (rows * cols):
-        raise ValueError(
-            f"sensor {name} has {values.shape[-1]} values, no whole number of channels of {rows} x {cols}"
-        )
+    if (found := values.shape[-1]) % (rows * cols):
+        raise ValueError(f"sensor {name} has {found} values, no whole number of channels of {rows} x {cols}")
     return values.reshape(*values.shape[:-1], -1, rows, cols)

@@ -1,15 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans of given resistances and effects."""
+"""Plans of given resistances and effects, and the errors of those that are refused."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from dermis import plan as planning
 from dermis import records
+from dermis.errors import InputError
 from dermis.scene import scene
+
+
+def refused(call: Callable[..., object], *given: object) -> InputError:
+    """Return the error of a call, which must be one line in the promised form."""
+    with pytest.raises(InputError) as caught:
+        call(*given)
+    error, text = caught.value, str(caught.value)
+    assert error.exit_code == 2
+    assert text.isprintable()  # no line end
+    assert text.startswith(f"{error.file}: {error.key} = ")
+    assert len(text) < 1500
+    return error
 
 
 def made(
@@ -18,6 +33,7 @@ def made(
     effects: dict[str, object],
     topology: str = "conveyor_mirror",
     seed: int = 0,
+    engine: str | None = None,
 ) -> records.Plan:
     np.save(tmp_path / "ohm.npy", ohm)
     data = {
@@ -27,7 +43,7 @@ def made(
         "effects": effects,
         "run": {"seed": seed},
     }
-    return planning.make(scene.from_data(data, tmp_path / "made.toml"))
+    return planning.make(scene.from_data(data, tmp_path / "made.toml"), engine)
 
 
 def ohms(seed: int, *shape: int) -> np.ndarray:

@@ -105,12 +105,9 @@ def test_a_table_without_its_module_says_what_to_install(
     [
         (
             {"scene": np.ones((4, 4))},
-            "simulate: scene = a ndarray: a path, a name or a dict; for arrays, force_n",
+            "simulate: scene = a ndarray: a path, a name or a dict; for arrays, force",
         ),
-        (
-            {"force_n": [[1.0]], "resistance_ohm": [[1.0]]},
-            "simulate: force_n and resistance_ohm = both: one of",
-        ),
+        ({"force_n": [[1.0]], "resistance_ohm": [[1.0]]}, "simulate: force_n and resistance_ohm = both: one"),
         ({"force_n": [[1.0, 2.0], [3.0]]}, "simulate: force_n = "),
         ({"force_n": [[-1.0]]}, "force_n: frame 0, row 0, column 0 = -1.0: a finite force >= 0 in newtons"),
         ({"force_n": [["a"]]}, "force_n: dtype = <U1: integers or floating point numbers"),
@@ -122,6 +119,12 @@ def test_a_table_without_its_module_says_what_to_install(
         ({"force_n": [[1.0]], "processes": 0}, "simulate: processes = 0: a whole number"),
         ({"force_n": [[1.0]], "simulator": "icarus"}, 'simulate: simulator = "icarus": engine rtl or cosim'),
         ({}, "simulate: stimulus = nothing: a table with a kind"),
+        ({"scene": "recorded_touch", "force_n": [[1.0]]}, r"stimulus\.t_frame_s"),
+        ({"scene": {"stimulus": {"t_frame_ms": 8}}, "force_n": [[1.0]]}, "t_frame_ms"),
+        ({"force_n": [[1.0]], "stimulus": {"file": "x.npy"}}, r"stimulus\.file"),
+        ({"force_n": [[1.0]], "stimulus": {"unit": "codes"}}, r"stimulus\.unit"),
+        ({"force_n": [[1.0]], "effects": {"row_driver": None}}, "effects.row_driver = None"),
+        ({"force_n": [[1.0]], "effects": {"column_offset": {"v_v": None}}}, "column_offset.v_v = None"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(arguments: dict[str, Any], said: str) -> None:

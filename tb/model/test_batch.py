@@ -15,15 +15,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_plans import made, ohms
 
-from dermis import engines, plan
+from dermis import engines
 from dermis.engines import batch
 from dermis.errors import InputError, SimulatorError
 from dermis.processes import children, pool, watchdog
 from dermis.records import Plan
-from dermis.scene import scene
 from dermis.scene.design import ROOT
 from tb.programs.faults import inject
+from tb.system.system_bench import processes_with
 
 FRAMES, SIZE = 11, 6
 
@@ -32,15 +33,8 @@ FRAMES, SIZE = 11, 6
 def make_plan(tmp_path: Path):
     """A plan of random resistances, with effects by name."""
 
-    def make(engine: str = "event", frames: int = FRAMES, **effects: object) -> Plan:
-        ohm = np.exp(np.random.default_rng(7).uniform(np.log(500), np.log(6e4), (frames, SIZE, SIZE)))
-        np.save(tmp_path / "ohm.npy", ohm)
-        data = {
-            "array": {"rows": SIZE, "cols": SIZE},
-            "stimulus": {"kind": "resistance", "file": "ohm.npy"},
-            "effects": effects,
-        }
-        return plan.make(scene.from_data(data, tmp_path / "batch.toml"), engine)
+    def make(engine: str = "event", **effects: object) -> Plan:
+        return made(tmp_path, ohms(7, FRAMES, SIZE, SIZE), effects, engine=engine)
 
     return make
 
@@ -49,17 +43,17 @@ def make_plan(tmp_path: Path):
 def _children_that_were_there() -> Iterator[None]:
     """No test here leaves a process; one of an earlier test in this process is not its business."""
     mark = f"{watchdog.VARIABLE}={children.guard()}/"
-    before = set(_sleepers(mark))
+    before = set(processes_with(mark))
     yield
-    assert set(_sleepers(mark)) <= before
+    assert set(processes_with(mark)) <= before
 
 
 @pytest.mark.parametrize("processes", [1, 2, 3])
 def test_any_number_of_processes_gives_the_same_codes(make_plan, processes: int) -> None:
-    made = make_plan(row_driver=True, comparator_delay=True, comparator_noise={"v_v": 0.01})
+    plan = make_plan(row_driver=True, comparator_delay=True, comparator_noise={"v_v": 0.01})
     seen: list[int] = []
-    result = batch.run(made, seen.append, processes=processes)
-    expected = engines.run(made)
+    result = batch.run(plan, seen.append, processes=processes)
+    expected = engines.run(plan)
     assert np.array_equal(result.codes, expected.codes)
     assert np.array_equal(result.info["x"], expected.info["x"])
     assert seen == sorted(seen)
@@ -125,9 +119,8 @@ def test_a_worker_that_stands_still_is_ended(make_plan, monkeypatch: pytest.Monk
     monkeypatch.setattr(batch, "_run_part", inject.stop)
     monkeypatch.setattr(pool, "STALL_S", 1.0)
     monkeypatch.setattr(pool, "LOOK_S", 0.2)
-    with pytest.raises(
-        SimulatorError, match=r"frames \d+ to \d+: a worker process used no processor for 1 s"
-    ):
+    said = r"frames \d+ to \d+: a worker process used no processor for 1 s"
+    with pytest.raises(SimulatorError, match=said):
         batch.run(make_plan(), processes=2)
 
 
@@ -163,18 +156,6 @@ batch.run(plan.load(sys.argv[1], "event"), processes=2)
 """
 
 
-def _sleepers(text: str) -> list[int]:
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            if entry.name.isdigit() and text.encode() in (entry / "environ").read_bytes():
-                found.append(int(entry.name))
-        # A process that ended while it was looked at.
-        except OSError:
-            continue
-    return found
-
-
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL], ids=["ctrl_c", "killed"])
 def test_the_workers_end_with_the_run(tmp_path: Path, how: signal.Signals) -> None:
     (tmp_path / "slow.py").write_text(SLOW)
@@ -189,13 +170,13 @@ def test_the_workers_end_with_the_run(tmp_path: Path, how: signal.Signals) -> No
     )
     assert run.stderr is not None
     assert run.stderr.readline().startswith("at work")  # two of them may write into one line
-    assert len(_sleepers(mark)) >= 3
+    assert len(processes_with(mark)) >= 3
     if how == signal.SIGINT:
         os.killpg(run.pid, how)  # as a terminal does it: to all of them
     else:
         run.kill()
     run.wait(20)
     end = time.monotonic() + 10
-    while _sleepers(mark) and time.monotonic() < end:
+    while processes_with(mark) and time.monotonic() < end:
         time.sleep(0.1)
-    assert _sleepers(mark) == []
+    assert processes_with(mark) == []

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -90,10 +89,3 @@ def test_maps_of_any_shape_fill_their_place(rows: int, cols: int, tmp_path: Path
     # Square taxels, and a map that takes a sixth of the figure in one direction at least.
     assert box.width / cols == pytest.approx(box.height / rows, rel=0.02)
     assert max(box.width / whole.width, box.height / whole.height) > 0.16
-
-
-@pytest.mark.paper
-def test_a_sheet_of_resistances_alone_has_a_scale_in_ohm(tmp_path: Path) -> None:
-    figure, axes = drawn(tmp_path, replace(made(tmp_path, np.full((1, 4, 4), 10.0)), force_n=None))
-    assert {"0  (open)", "255  (500 ohm)"} <= words(figure)
-    assert "curve" not in axes

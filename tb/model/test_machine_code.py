@@ -83,10 +83,8 @@ def test_after_warm_up_nothing_is_compiled() -> None:
     from numba.core import event
 
     dermis.warm_up()
-    skins = [
-        Skin("single_touch"),
-        Skin(envs=3, stuck=0.1, effects={"sensor_spread": True, "sensor_creep": True}),
-    ]
+    worn = Skin(envs=3, stuck=0.1, effects={"sensor_spread": True, "sensor_creep": True})
+    skins = Skin("single_touch"), worn
     with event.install_recorder("numba:compile") as recorder:
         for skin in skins:
             force = np.ones((3, skin.rows, skin.cols), np.float32)

@@ -24,13 +24,12 @@ from dermis.cli import main
 from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design
 
-DATA = Path(os.environ.get("DERMIS_DATA", ROOT.parent / "shared" / "data"))
+Write = Callable[..., Path]
+Here = Callable[..., tuple[int, str]]
 
 
 @pytest.fixture
-def here(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str]]:
+def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
     """The command line in this process, for errors before any work: exit code and standard error.
 
     A process for each would spend a second on imports.
@@ -76,9 +75,9 @@ def test_a_run_writes_every_file_and_its_resolved_scene_gives_the_same_codes(tmp
     assert np.array_equal(simulate(out / "resolved.toml").codes, codes)
 
 
-def test_a_run_checks_only_when_asked_and_says_what_that_costs(tmp_path: Path) -> None:
+def test_a_run_checks_only_when_asked_and_says_what_that_costs(tmp_path: Path, write_scene: Write) -> None:
     text = '[stimulus]\nkind = "uniform"\ncode = [50, 100, 150]\n[effects]\nauto = {}\n'
-    scene, out = scene_with(tmp_path, text), tmp_path / "out"
+    scene, out = str(write_scene(text)), tmp_path / "out"
 
     def rows(*options: str) -> dict[str, dict[str, object]]:
         done = dermis("run", scene, "--out", str(out), *options)
@@ -92,10 +91,11 @@ def test_a_run_checks_only_when_asked_and_says_what_that_costs(tmp_path: Path) -
     assert rows().keys() == {"run.taxels_at_full_scale"}
 
 
-def scene_with(tmp_path: Path, text: str) -> str:
-    path = tmp_path / "scene.toml"
-    path.write_text(text)
-    return str(path)
+def one_line(code: int, said: str, words: str) -> None:
+    """Judge the end of a command: exit 2, and one line on standard error with some words."""
+    assert code == 2
+    assert len(said.strip().splitlines()) == 1
+    assert words in said
 
 
 UNIFORM = '[stimulus]\nkind = "uniform"\nforce_n = 3.0\n'
@@ -137,16 +137,14 @@ WRONG_FILES = [  # a command, the content of its file, and what its one line mus
     ("command", "content", "words"), [*((c, None, words) for c, words in WRONG), *WRONG_FILES]
 )
 def test_a_mistake_ends_in_one_line_and_exit_2(
-    tmp_path: Path, here: Callable[..., tuple[int, str]], command: str, content: str | None, words: str
+    tmp_path: Path, here: Here, command: str, content: str | None, words: str
 ) -> None:
     if content is not None:
         path = tmp_path / ("input.csv" if command.startswith("sim") else "input.toml")
         path.write_text(content)
         command = command.format(path)
     code, said = here(*shlex.split(command))
-    assert code == 2
-    assert len(said.strip().splitlines()) == 1
-    assert words in said
+    one_line(code, said, words)
     assert content is None or path.name in said
 
 
@@ -164,43 +162,35 @@ line_capacitance = { c_row_f = 1e-7, c_column_f = 1e-7 }
 
 @pytest.mark.long
 @pytest.mark.parametrize("processes", ["1", "2"])
-def test_a_run_that_fails_in_its_engine_leaves_nothing(tmp_path: Path, processes: str) -> None:
-    scene = scene_with(tmp_path, FAILS_IN_THE_ENGINE)
-    out = tmp_path / "out"
-    arguments = ["run", scene, "--out", str(out), "--processes", processes]
+def test_a_run_that_fails_in_its_engine_leaves_nothing(
+    tmp_path: Path, processes: str, write_scene: Write
+) -> None:
+    scene, out = write_scene(FAILS_IN_THE_ENGINE), tmp_path / "out"
+    arguments = ["run", str(scene), "--out", str(out), "--processes", processes]
     done = dermis(*arguments)
-    assert done.returncode == 2
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert "effects.line_capacitance" in done.stderr
+    one_line(done.returncode, done.stderr, "effects.line_capacitance")
     assert not out.exists()
     # What an earlier run left stays whole.
-    scene_with(tmp_path, FAILS_IN_THE_ENGINE.replace("100.0", "0.01"))
+    write_scene(FAILS_IN_THE_ENGINE.replace("100.0", "0.01"))
     assert dermis(*arguments).returncode == 0
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    assert {"codes.npy", "codes.csv", "summary.json", "resolved.toml", "frame.png"} <= set(before)
-    scene_with(tmp_path, FAILS_IN_THE_ENGINE)
+    before = _contents(out)
+    assert len(before) == 5
+    write_scene(FAILS_IN_THE_ENGINE)
     assert dermis(*arguments).returncode == 2
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert _contents(out) == before
 
 
-def _contents(out: Path) -> dict[str, bytes | None]:
-    return {
-        str(path.relative_to(out)): path.read_bytes() if path.is_file() else None for path in out.rglob("*")
-    }
+def _contents(out: Path) -> dict[Path, bytes | None]:
+    return {p.relative_to(out): p.read_bytes() if p.is_file() else None for p in out.rglob("*")}
 
 
 @pytest.mark.parametrize("name", ["codes.npy", "waves.vcd"])
-def test_a_directory_in_the_place_of_a_file_is_refused(
-    tmp_path: Path, name: str, here: Callable[..., tuple[int, str]]
-) -> None:
+def test_a_directory_in_the_place_of_a_file_is_refused(tmp_path: Path, name: str, here: Here) -> None:
     out = tmp_path / "out"
     (out / name).mkdir(parents=True)
     (out / "codes.csv").write_text("of an earlier run")
     before = _contents(out)
-    code, said = here("run", "single_touch", "--out", str(out))
-    assert code == 2
-    assert len(said.strip().splitlines()) == 1
-    assert name in said
+    one_line(*here("run", "single_touch", "--out", str(out)), name)
     assert _contents(out) == before
 
 
@@ -214,14 +204,12 @@ def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path, limit: int) ->
     def small_files() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-    for before in ({}, {"codes.npy": b"of an earlier run", "frame.png": b"too"}):
+    for before in ({}, {Path("codes.npy"): b"of an earlier run", Path("frame.png"): b"too"}):
         for name, data in before.items():
             out.mkdir(exist_ok=True)
             (out / name).write_bytes(data)
         done = dermis("run", "single_touch", "--out", str(out), preexec_fn=small_files)
-        assert done.returncode == 2
-        assert len(done.stderr.strip().splitlines()) == 1
-        assert "File too large" in done.stderr
+        one_line(done.returncode, done.stderr, "File too large")
         assert _contents(out) == before
         assert out.exists() == bool(before)
 
@@ -245,17 +233,10 @@ def test_a_defect_is_one_line_even_where_its_log_cannot_be_written(
     assert "no such thing" in (tmp_path / "build" / "internal_error.log").read_text()
 
 
-def test_processes_give_the_same_codes(tmp_path: Path) -> None:
-    done = dermis("run", "uniform_staircase", "--processes", "2", "--out", str(tmp_path / "out"))
-    assert done.returncode == 0, done.stderr
-    codes = np.load(tmp_path / "out" / "codes.npy")
-    assert np.array_equal(codes, simulate("uniform_staircase").codes)
-
-
-def test_an_ablation_prints_what_it_writes(tmp_path: Path) -> None:
+def test_an_ablation_prints_what_it_writes(write_scene: Write) -> None:
     names = ("mirror_ratio", "offset_current")
     text = f"[array]\nrows = 2\ncols = 2\n{UNIFORM}[effects]\n" + "".join(f"{n} = true\n" for n in names)
-    done = dermis("ablate", scene_with(tmp_path, text), "--engine", "event", "--pairs", "1", "--frames", "1")
+    done = dermis("ablate", str(write_scene(text)), "--engine", "event", "--pairs", "1", "--frames", "1")
     assert done.returncode == 0, done.stderr
     rows = {row["name"]: row for row in json.loads((ROOT / "build" / "ablate.json").read_text())}
     assert {name.split(".")[1] for name in rows} == {"all_effects", *names}
@@ -270,17 +251,14 @@ def test_a_missing_simulator_is_named(tmp_path: Path) -> None:
     (tmp_path / "bin" / "cc").symlink_to(shutil.which("cc") or "/usr/bin/cc")
     environment = {**os.environ, "PATH": f"{tmp_path / 'bin'}:{Path(sys.executable).parent}"}
     done = dermis("run", "single_touch", "--engine", "cosim", "--out", str(tmp_path / "out"), env=environment)
-    assert done.returncode == 2
-    assert "iverilog" in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    one_line(done.returncode, done.stderr, "iverilog")
 
 
-def test_no_text_of_a_scene_reaches_the_deck(tmp_path: Path) -> None:
+def test_no_text_of_a_scene_reaches_the_deck(tmp_path: Path, write_scene: Write) -> None:
     file = tmp_path / "x\n.control\nshell touch gotcha\n.endc.npy"
     np.save(file, np.full((2, 2), 1e3))
     name = file.name.replace("\n", "\\n")
-    scene = tmp_path / "scene.toml"
-    scene.write_text(
+    scene = write_scene(
         f'title = "a\\n.control\\nshell touch gotcha\\n.endc"\n[array]\nrows = 2\ncols = 2\n'
         f'[stimulus]\nkind = "resistance"\nfile = "{name}"\n'
     )
@@ -289,20 +267,14 @@ def test_no_text_of_a_scene_reaches_the_deck(tmp_path: Path) -> None:
     assert not [line for line in deck if "\n" in line or "gotcha" in line or ".control" in line]
 
 
-def test_frames_of_a_pressure_sheet_read_back_as_their_codes(tmp_path: Path) -> None:
-    """A real gait frame where the data is there, a made one elsewhere; Verilog and ngspice read it."""
-    real = DATA / "fscan_gait_16x16.csv"
-    if real.exists():
-        lines = real.read_text().splitlines()
-    else:
-        rng = np.random.default_rng(1)
-        lines = [",".join(map(str, rng.integers(0, 256, 256))) for _ in range(3)]
-    strongest = max(range(len(lines)), key=lambda i: sum(map(float, lines[i].split(","))))
+def test_frames_of_a_pressure_sheet_read_back_as_their_codes(tmp_path: Path, gait_csv: Path) -> None:
+    """Verilog and ngspice read the strongest frame."""
+    frame = max(gait_csv.read_text().splitlines(), key=lambda line: sum(map(float, line.split(","))))
     file = tmp_path / "sheet.csv"
-    file.write_text(lines[strongest] + "\n")
+    file.write_text(f"{frame}\n")
     done = dermis("sim", "--frames", str(file), "--only", "frame_file")
     assert done.returncode == 0, done.stdout + done.stderr
     rows = {row["name"]: row for row in json.loads((ROOT / "build" / "sim.json").read_text())}
     assert rows["frame.readback_error_lsb.frame_file"]["status"] == "PASS"
     codes = np.load(ROOT / "build" / "sim" / "frame_file" / "codes.npy")
-    assert np.array_equal(codes.ravel(), np.array(lines[strongest].split(","), float).astype(int))
+    assert np.array_equal(codes.ravel(), np.array(frame.split(","), float).astype(int))

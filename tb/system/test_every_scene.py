@@ -24,6 +24,7 @@ SCENES = sorted((ROOT / "models" / "scenes").glob("*.toml"))
 def test_a_scene_runs_or_is_refused_with_an_engine_that_can(path: Path, engine: str) -> None:
     said = _run(path, engine)
     if said:
+        assert engine != plan.load(path).engine, "the scene's own engine cannot run it"
         assert engine != "event"  # it does everything
         # All that rtl leaves to event is random: the noise of one scene, and what auto adds to another.
         assert engine != "rtl" or path.stem in ("noisy_channel", "quarter_code_fingertip")

@@ -23,6 +23,8 @@ from dermis.scene import design, scene, schema, stimulus
 from scripts import workers
 from tb.programs.fuzz import command, oracle
 
+TOLD = ("made", "file", "made")
+
 
 def alone(function: Callable[..., Any], *arguments: Any) -> Any:
     """Run one call in a process of its own."""
@@ -155,13 +157,13 @@ def test_a_file_takes_no_more_memory_than_it_has(tmp_path: Path, monkeypatch: py
             return super().read(count)
 
     monkeypatch.setattr(schema, "open", Counting, raising=False)
-    assert schema.read_bytes(path, stimulus.FILE_BYTES_MAX) == b"1,2\n"
+    assert schema.read_bytes(path, stimulus.FILE_BYTES_MAX, TOLD) == b"1,2\n"
     assert asked == [path.stat().st_size + 1]
 
 
 def test_a_file_that_says_it_is_empty_is_not_read() -> None:
     """/proc/kmsg is a regular file of 0 bytes whose reading waits for the kernel to speak."""
-    assert schema.read_bytes(Path("/proc/kmsg"), 1 << 20) == b""
+    assert schema.read_bytes(Path("/proc/kmsg"), 1 << 20, TOLD) == b""
 
 
 READ_OR_WRITE = (spi.read_frame, lambda: spi.read_register(3), lambda: spi.write_register(4, 115))

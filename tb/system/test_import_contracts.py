@@ -15,27 +15,11 @@ from dermis.scene.design import ROOT
 
 LINT = Path(sys.executable).with_name("lint-imports")
 
-FAULTS = {
-    "an engine in a model": (
-        "models/dermis/array/array.py",
-        "import dermis.engines.event",
-        "Models know no engine",
-    ),
-    "a plan in a type": (
-        "models/dermis/records.py",
-        "import typing\nif typing.TYPE_CHECKING:\n    from dermis.plan import load",
-        "No circle",
-    ),
-    "a circle inside a room": (
-        "models/dermis/array/star_mesh.py",
-        "def later():\n    from dermis.array import array",
-        "No circle",
-    ),
-    "a program in the package": (
-        "models/dermis/scene/design.py",
-        "def later():\n    import scripts.generate",
-        "The package imports nothing",
-    ),
+FAULTS = {  # by file of the package: what is added to it, and the contract that it breaks
+    "array/array.py": ("import dermis.engines.event", "Models know no engine"),
+    "records.py": ("import typing\nif typing.TYPE_CHECKING:\n    from dermis.plan import load", "No circle"),
+    "array/star_mesh.py": ("def later():\n    from dermis.array import array", "No circle"),
+    "scene/design.py": ("def later():\n    import scripts.generate", "The package imports nothing"),
 }
 
 
@@ -50,24 +34,17 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def lint(tree: Path) -> tuple[int, str]:
-    """Exit code and output of import-linter on a copy of the tree."""
+@pytest.mark.parametrize("file", FAULTS)
+def test_an_import_that_breaks_a_contract_is_noticed(tree: Path, file: str) -> None:
+    path, (added, contract) = tree / "models" / "dermis" / file, FAULTS[file]
+    text = path.read_text()
     environment = {**os.environ, "PYTHONPATH": f"{tree / 'models'}:{tree}"}
-    run = subprocess.run(
-        [LINT, "--no-cache"], cwd=tree, env=environment, capture_output=True, text=True, timeout=120
-    )
-    return run.returncode, run.stdout + run.stderr
-
-
-@pytest.mark.parametrize("name", FAULTS)
-def test_an_import_that_breaks_a_contract_is_noticed(tree: Path, name: str) -> None:
-    file, line, contract = FAULTS[name]
-    text = (tree / file).read_text()
+    command = [LINT, "--no-cache"]
+    path.write_text(f"{text}\n{added}\n")
     try:
-        (tree / file).write_text(f"{text}\n{line}\n")
-        code, said = lint(tree)
+        run = subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, timeout=120)
     finally:
-        (tree / file).write_text(text)
-    broken = [line for line in said.splitlines() if line.endswith("BROKEN")]
-    assert code == 1
-    assert any(contract in line for line in broken), said
+        path.write_text(text)
+    broken = [line for line in run.stdout.splitlines() if line.endswith("BROKEN")]
+    assert run.returncode == 1
+    assert any(contract in line for line in broken), run.stdout + run.stderr

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,6 +26,8 @@ from dermis.scene.design import TOPOLOGIES
 from dermis.scene.views import BLOCKS
 from tb.reference.chip import Synchronizer
 
+Table = dict[str, object]
+
 UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
 LSB = 1 / 510  # of the packets of a gate
 
@@ -36,8 +39,8 @@ def make(
     ohm: Sequence[Sequence[float]] | NDArray[np.float64],
     views: object,
     folder: Path,
-    effects: dict[str, object] | None = None,
-    interface: dict[str, object] | None = None,
+    effects: Table | None = None,
+    interface: Table | None = None,
     engine: str | None = "cosim",
 ) -> Plan:
     table = np.array(ohm, dtype=float)
@@ -50,9 +53,6 @@ def make(
         "run": {"views": views, **({"engine": engine} if engine else {})},
     }
     return planning.make(scene.from_data(data, folder / "scene.toml"))
-
-
-# ---- which file a block comes from ---------------------------------------------------------------------------
 
 
 def folders(made: Plan, columns: Sequence[int] | None = None) -> dict[str, str]:
@@ -111,9 +111,6 @@ def test_the_conditions_reach_the_deck_and_the_resolved_scene(tmp_path: Path) ->
     assert (again.views, again.engine) == (made.views, "cosim")
 
 
-# ---- refusals ------------------------------------------------------------------------------------------------
-
-
 DIRECT = {"topology": "direct"}
 
 
@@ -136,11 +133,7 @@ DIRECT = {"topology": "direct"}
 )  # fmt: skip
 @pytest.mark.paper
 def test_what_transistors_cannot_do_is_refused_by_name(
-    views: dict[str, object],
-    effects: dict[str, object],
-    interface: dict[str, object],
-    key: str,
-    tmp_path: Path,
+    views: Table, effects: Table, interface: Table, key: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError) as caught:
         engines.check(make([[500.0, 500.0]], views, tmp_path, effects, interface))
@@ -161,9 +154,6 @@ def test_only_decks_have_views(tmp_path: Path) -> None:
         with pytest.raises(InputError) as caught:
             engines.run(make([[500.0]], "sky130", tmp_path, engine=name))
         assert caught.value.key == "run.engine"
-
-
-# ---- codes ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.paper
@@ -192,8 +182,6 @@ def test_every_interface_and_any_block_in_transistors_reads(
     assert abs(int(cosim.run(made).codes[0, 0, 0]) - 64) <= 3  # 2 % of gain and some LSB of offset
 
 
-# ---- charge, clock by clock ----------------------------------------------------------------------------------
-
 CLOCKS = 100
 SETTLE = 20
 """Clocks of preset: nothing has to settle before the first row."""
@@ -207,16 +195,8 @@ def charge(decks: dict[tuple[int, ...], Deck], made: Plan, folder: Path) -> NDAr
     """
     cols, t_clk = made.cols, 1.0 / made.timing.f_clk_hz
     workers = Workers(folder / "ngspice.log")
-    half = SplitHalf(
-        decks,
-        made.rows,
-        workers,
-        t_edge_s=1e-9,
-        t_max_step_s=1e-6,
-        t_stop_s=CLOCKS * t_clk,
-        record=True,
-        level=ladder.Level(start=1),
-    )
+    times = {"t_edge_s": 1e-9, "t_max_step_s": 1e-6, "t_stop_s": CLOCKS * t_clk}
+    half = SplitHalf(decks, made.rows, workers, **times, record=True, level=ladder.Level(start=1))
     edges: list[tuple[float, int, float]] = []
     low = np.zeros(cols, dtype=bool)
     flops = Synchronizer(low)
@@ -245,10 +225,8 @@ def decks(made: Plan, parts: Sequence[tuple[int, ...] | None]) -> dict[tuple[int
     """A circuit of each part, or one of all."""
     levels = [1.0] + [0.0] * (made.rows - 1) + [1.0] + [0.0] * made.cols
     every = tuple(range(made.cols))
-    return {
-        every if part is None else part: netlist.frame_deck(made, 0, levels, record=True, columns=part)
-        for part in parts
-    }
+    deck = functools.partial(netlist.frame_deck, made, 0, levels, record=True)
+    return {every if part is None else part: deck(columns=part) for part in parts}
 
 
 def error_lsb(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
@@ -274,7 +252,5 @@ def test_columns_apart_are_as_columns_together(tmp_path: Path, monkeypatch: pyte
     assert len(parts) == 3
     whole = charge(decks(made, [None]), made, tmp_path)
     assert error_lsb(charge(decks(made, parts), made, tmp_path), whole) <= SPLIT_LSB
-    monkeypatch.setattr(
-        netlist, "_far_column", lambda plan, network, column: [f"rfar{column} col{column} 0 1e12"]
-    )
+    monkeypatch.setattr(netlist, "_far_column", lambda plan, network, c: [f"rfar{c} col{c} 0 1e12"])
     assert error_lsb(charge(decks(made, parts), made, tmp_path), whole) > SPLIT_LSB

@@ -8,7 +8,6 @@ here: no text of a scene reaches a deck.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -282,7 +281,7 @@ def frame_deck(
     ranges = ranges_of(plan)
     views = plan.views.at(columns)
     if not driven:
-        views = dataclasses.replace(views, row_driver="behavioural")
+        views = views.model_copy(update={"row_driver": "behavioural"})
     transistors = views.in_transistors(plan.topology)
     direct = plan.topology == "direct"
     in_transistors = _channel_in_transistors(views, plan.topology)

@@ -17,7 +17,7 @@ from dermis import bounds as bounds
 from dermis.effects import array, comparator, integrator, lines, mirror, motion, noise, packet, sheet
 from dermis.effects.effect import Contribution, Effect, PerColumn, Setting
 from dermis.errors import InputError
-from dermis.scene.schema import Strict, entry
+from dermis.scene.schema import Strict, entry, refuse
 
 EFFECTS: dict[str, Effect] = {
     effect.name: effect
@@ -37,9 +37,7 @@ class AutoTable(Strict):
 
 
 class ExtractedTable(Strict):
-    """[effects] extracted: what was measured of the chip in transistors, as the effects it amounts
-    to.
-    """
+    """[effects] extracted: what was measured of the chip in transistors, as the effects it amounts to."""
 
     corner: Literal["tt", "ff", "ss", "sf", "fs"] = entry("tt", "Corner of the process")
     temperature_c: Annotated[float, Field(allow_inf_nan=False)] = entry(
@@ -84,9 +82,7 @@ EffectsTable: type[Strict] = create_model(
 
 
 def considered(effect: Effect, setting: Setting) -> bool:
-    """Return True if auto considers the effect unnamed: the topology has it and every parameter has
-    a default.
-    """
+    """Return True if auto considers the effect unnamed: the topology has it, and its parameters have defaults."""
     if not effect.considered or setting.topology not in effect.topologies:
         return False
     filled = effect.table().model_dump() | effect.defaults(setting.design, setting.topology)
@@ -97,7 +93,6 @@ def resolve_effects(table: Any, setting: Setting, file: Any) -> dict[str, Strict
     """Return the parameters of every effect that is on, with every default filled in.
 
     With `auto` that is every effect that it switches on; cells are left out later (docs/auto.md).
-
     Raises InputError for an effect the topology does not have, a value without default, lists of a
     wrong length and values outside what the physics allows.
     """
@@ -121,8 +116,7 @@ def resolve_effects(table: Any, setting: Setting, file: Any) -> dict[str, Strict
         parameters = parameters.model_copy(update=missing)
         for name in effect.parameters:
             _check(effect, name, getattr(parameters, name), setting, file)
-        for name, allowed in effect.wrong(parameters, setting):
-            raise InputError(file, f"{key}.{name}", getattr(parameters, name), allowed)
+        refuse(effect.wrong(parameters, setting), parameters, file, f"{key}.")
         on[effect.name] = parameters
     return on
 
@@ -153,19 +147,19 @@ def check_together(on: Mapping[str, Strict], topology: str, packet_v: float, fil
         value = getattr(on[name], key) if name in on else 0.0
         return value if isinstance(value, list) else [value]
 
-    def refuse(names: list[str], value: Any, allowed: str) -> None:
+    def contradict(names: list[str], value: Any, allowed: str) -> None:
         raise InputError(file, " and ".join(f"effects.{n}" for n in names), value, allowed)
 
     (window,) = values("comparator_hysteresis", "v_v")
     if window >= packet_v * (1 - 1e-9):
         # A window that reaches the preset would carry the state of the row before over to the next.
-        refuse(["comparator_hysteresis.v_v"], window, f"below one packet ({packet_v:g} V)")
+        contradict(["comparator_hysteresis.v_v"], window, f"below one packet ({packet_v:g} V)")
     drift = on.get("reference_drift")
     if drift is not None and "charge_packet" in on:
         packet = 1.0 + min(values("charge_packet", "packet_error")) + drift.tc_per_k * drift.delta_k
         if packet <= 0:
             both = ["charge_packet", "reference_drift"]
-            refuse(both, f"a packet of {packet:g}", "a packet above 0 together")
+            contradict(both, f"a packet of {packet:g}", "a packet above 0 together")
     if "integrator_range" not in on:
         return
     low, high = on["integrator_range"].v_min_v, on["integrator_range"].v_max_v
@@ -178,7 +172,7 @@ def check_together(on: Mapping[str, Strict], topology: str, packet_v: float, fil
         if not low < v - room <= v + room < high:
             names = ["integrator_range", *[name] * (name in on), *["comparator_hysteresis"] * (room > 0)]
             where = f"a level of {v:g} V of stored charge, outside {low:g} .. {high:g} V"
-            refuse(names, where, "levels inside the range of the integrator")
+            contradict(names, where, "levels inside the range of the integrator")
 
 
 def gather(on: Mapping[str, Strict], setting: Setting) -> Contribution:

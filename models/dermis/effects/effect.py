@@ -20,7 +20,6 @@ from dermis.scene.schema import Strict, entry
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 PerColumn = _Number | Annotated[list[_Number], Field(min_length=1)]
 MIRRORED = tuple(t for t in TOPOLOGIES if t != "direct")
-RECORDS = ("network", "converter", "drive", "sensor")
 
 
 @dataclass(frozen=True)
@@ -50,31 +49,19 @@ class Contribution(NamedTuple):
     sensor: dict[str, Any]
 
 
+RECORDS = Contribution._fields
+
+
 class Parameter(NamedTuple):
-    """A parameter of an effect.
+    """A parameter of an effect."""
 
-    Attributes
-    ----------
-    meaning, allowed : str
-        Words for docs/scenes.md and errors; `allowed` where type and limits do not say it.
-    example : float
-        A value that moves codes, alone (with `needs`) and among the examples of all effects.
-    range : (float, float)
-        Magnitudes between which random scenes draw, evenly in powers of ten.
-    default : float or None
-        None for a value of `Effect.design`, or one that must be given.
-    kind : type
-    limits : dict
-        ge, gt, le, lt of pydantic; those of a list hold for each of its numbers.
-    """
-
-    meaning: str
-    example: float
-    range: tuple[float, float]
-    allowed: str
-    default: float | None
+    meaning: str  # words for docs/scenes.md and errors
+    example: float  # a value that moves codes, alone (with `needs`) and among the examples of all effects
+    range: tuple[float, float]  # magnitudes between which random scenes draw, evenly in powers of ten
+    allowed: str  # words, where type and limits do not say it
+    default: float | None  # None for a value of `Effect.design`, or one that must be given
     kind: Any
-    limits: dict[str, float]
+    limits: dict[str, float]  # ge, gt, le, lt of pydantic; those of a list hold for each of its numbers
 
 
 def number(
@@ -104,6 +91,7 @@ positive = functools.partial(number, gt=0)
 not_negative = functools.partial(number, ge=0)
 small = functools.partial(number, allowed="a finite number 0..0.1", ge=0, le=0.1)
 """Standard deviation of a factor 1 + sigma n, which stays positive at six sigma."""
+within_clock = functools.partial(number, allowed="a finite number >= 0, below one clock", ge=0)
 share = functools.partial(number, allowed="a finite number from 0 to below 1", ge=0, lt=1)
 celsius = functools.partial(number, allowed="a finite number above -273.15", gt=-273.15)
 
@@ -117,54 +105,32 @@ def _nothing_wrong(_: Any, setting: Setting) -> list[tuple[str, str]]:
 
 @dataclass(frozen=True)
 class Effect:
-    """One non-ideality.
+    """One non-ideality."""
 
-    Attributes
-    ----------
-    name, meaning : str
-        The word used in TOML, Python, Verilog and SPICE, and its meaning in one line.
-    parameters : mapping
-    design : mapping
-        Parameter -> key of models/design.toml for its default, or a pair of keys, the second one for topology
-        direct (None: it must be given there).
-    network, converter, drive, sensor : mapping
-        Fields of each record that it sets. The values of several effects in one field add up.
-    bound : bounds.Bounding
-        How far it moves decisions that engine closed made without it.
-    topologies : tuple of str
-        Where it exists.
-    random : bool
-        True if it draws random numbers during conversion; its bound then has a stated confidence.
-    considered : bool
-        True if auto considers it without its being named; False for effects that change the scene itself.
-    needs : mapping
-        Effects and parameters that must be on as well, or this one moves no code.
-    direct : mapping
-        Parameters of the example in topology direct that take the place of those of `parameters`.
-    follows : mapping
-        Parameter -> the one whose given value comes before the default of the design.
-    wrong : callable
-        (parameters, setting) -> pairs of a parameter with an impossible value and what is allowed.
-    table : type
-        The parameters as a table of a scene, made of them; None marks a default that comes from `defaults`.
-    """
-
-    name: str
-    meaning: str
+    name: str  # the word used in TOML, Python, Verilog and SPICE
+    meaning: str  # in one line
     parameters: Mapping[str, Parameter]
+    # Parameter -> key of models/design.toml for its default, or a pair of keys, the second one for topology direct
+    # (None: it must be given there).
     design: Mapping[str, str | tuple[str, str | None]] = field(default_factory=dict)
+    # Fields of each record that it sets. The values of several effects in one field add up.
     network: Set = field(default_factory=dict)
     converter: Set = field(default_factory=dict)
     drive: Set = field(default_factory=dict)
     sensor: Set = field(default_factory=dict)
-    bound: bounds.Bounding = bounds.unknown
-    topologies: tuple[str, ...] = TOPOLOGIES
-    random: bool = False
-    considered: bool = True
+    bound: bounds.Bounding = bounds.unknown  # how far it moves decisions that engine closed made without it
+    topologies: tuple[str, ...] = TOPOLOGIES  # where it exists
+    random: bool = False  # it draws random numbers during conversion; its bound then has a stated confidence
+    considered: bool = True  # by auto, unnamed; False for effects that change the scene itself
+    # Effects and parameters that must be on as well, or this one moves no code.
     needs: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    # Parameters of the example in topology direct that take the place of those of `parameters`.
     direct: Mapping[str, Any] = field(default_factory=dict)
+    # Parameter -> the one whose given value comes before the default of the design.
     follows: Mapping[str, str] = field(default_factory=dict)
+    # Pairs of a parameter with an impossible value and what is allowed.
     wrong: Callable[[Any, Setting], list[tuple[str, str]]] = _nothing_wrong
+    # The parameters as a table of a scene, made of them; None marks a default that comes from `defaults`.
     table: type[Strict] = field(default=None, repr=False)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
@@ -233,14 +199,16 @@ class Effect:
         return (-1,) * (low < 0) + (1,) * (high > 0)
 
     def draw(self, rng: np.random.Generator, decades: float = 0.0) -> dict[str, float]:
-        """Draw parameters evenly in powers of ten within `range`, or up to `decades` beyond both
-        ends.
-        """
+        """Draw parameters evenly in powers of ten within `range`, or up to `decades` beyond both ends."""
         found = {}
         for name, (low, high) in self.range().items():
             ratio = high / low * 100.0**decades
             found[name] = float(rng.choice(self.signs(name)) * low * 10.0**-decades * ratio ** rng.random())
         return found
+
+
+exact_effect = functools.partial(Effect, bound=bounds.honoured)
+"""An effect that engine closed takes as it is."""
 
 
 def below_one_clock(key: str) -> Callable[[Any, Setting], list[tuple[str, str]]]:

@@ -6,19 +6,14 @@ from __future__ import annotations
 import math
 
 from dermis import bounds
-from dermis.effects.effect import Effect, column, number, positive
+from dermis.effects.effect import Effect, column, exact_effect, number, positive
 
 EFFECTS = (
-    Effect(
+    exact_effect(
         "offset_current",
         "constant current into every converter",
-        {
-            "i_a": column(
-                "Adds to the current into the converter, after the mirror, in A", 3e-7, (1e-10, 3e-7), 1e-9
-            )
-        },
+        {"i_a": column("Into every converter, after the mirror, in A", 3e-7, (1e-10, 3e-7), 1e-9)},
         converter={"i_offset_a": "i_a"},
-        bound=bounds.honoured,
     ),
     Effect(
         "integrator_gain",

@@ -3,11 +3,10 @@
 
 from __future__ import annotations
 
-from dermis import bounds
-from dermis.effects.effect import Effect, not_negative
+from dermis.effects.effect import exact_effect, not_negative
 
 EFFECTS = (
-    Effect(
+    exact_effect(
         "trace",
         "resistance of the lines, between taxels and to driver and column input",
         {
@@ -16,9 +15,8 @@ EFFECTS = (
         },
         {"r_row_ohm": "array.r_trace_row_ohm", "r_column_ohm": "array.r_trace_column_ohm"},
         network={"r_trace_row_ohm": "r_row_ohm", "r_trace_column_ohm": "r_column_ohm"},
-        bound=bounds.honoured,
     ),
-    Effect(
+    exact_effect(
         "line_capacitance",
         "capacitance of lines and taxels: settling that is not complete when the gate opens",
         {
@@ -29,6 +27,5 @@ EFFECTS = (
         {"c_row_f": "array.c_row_f", "c_column_f": "array.c_column_f", "c_taxel_f": "array.c_taxel_f"},
         network={"c_row_f": "c_row_f", "c_column_f": "c_column_f", "c_taxel_f": "c_taxel_f"},
         needs={"row_driver": {"r_ohm": 1e3}, "column_input": {"r_ohm": 1e3}},
-        bound=bounds.honoured,
     ),
 )

@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 
 from dermis import bounds
-from dermis.effects.effect import MIRRORED, Effect, Setting, column, not_negative, positive, small
+from dermis.effects.effect import (
+    MIRRORED,
+    Effect,
+    Setting,
+    column,
+    exact_effect,
+    not_negative,
+    positive,
+    small,
+)
 
 
 def _gain(p: Any, setting: Setting) -> Any:
@@ -19,24 +28,18 @@ def _gain(p: Any, setting: Setting) -> Any:
 
 
 EFFECTS = (
-    Effect(
+    exact_effect(
         "mirror_ratio",
         "ratio error of the k:1 mirror, systematic and from column to column",
         {
             "ratio_error": column("Relative error of the current delivered", 0.02, (1e-3, 0.05), gt=-1),
-            "spread": small(
-                "Standard deviation of a further relative error, drawn for each column",
-                0.01,
-                (1e-4, 0.05),
-                default=0.0,
-            ),
+            "spread": small("Rms relative error from column to column", 0.01, (1e-4, 0.05), default=0.0),
         },
         {"ratio_error": "mirror.ratio_error"},
         converter={"gain": _gain},
         topologies=MIRRORED,
-        bound=bounds.honoured,
     ),
-    Effect(
+    exact_effect(
         "mirror_output",
         "finite output resistance of the mirror, across the integrator's input",
         {"r_out_ohm": positive("Across the mirror's output, in ohm", 1e4, (1e5, 1e8))},
@@ -44,7 +47,6 @@ EFFECTS = (
         converter={"g_in_s": lambda p, _: 1.0 / p.r_out_ohm},
         topologies=MIRRORED,
         needs={"integrator_gain": {"gain_dc": 100.0}},
-        bound=bounds.honoured,
     ),
     Effect(
         "mirror_lag",
@@ -55,7 +57,7 @@ EFFECTS = (
         topologies=MIRRORED,
         bound=bounds.mirror_lag,
     ),
-    Effect(
+    exact_effect(
         "range_switch",
         "resistance of the switches that set k: compression at high current",
         {
@@ -65,6 +67,5 @@ EFFECTS = (
         {"r_ohm": "mirror.r_switch_ohm", "v_overdrive_v": "mirror.v_overdrive_v"},
         converter={"inv_i_range_a": lambda p, _: p.r_ohm / p.v_overdrive_v},
         topologies=MIRRORED,
-        bound=bounds.honoured,
     ),
 )

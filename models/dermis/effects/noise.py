@@ -8,7 +8,7 @@ import math
 from typing import Any
 
 from dermis import bounds
-from dermis.effects.effect import Effect, Setting, below_one_clock, celsius, not_negative, small
+from dermis.effects.effect import Effect, Setting, below_one_clock, celsius, not_negative, small, within_clock
 from dermis.scene.design import ABSOLUTE_ZERO_C, ELECTRON_C, K_BOLTZMANN_J_PER_K
 
 # Jitter of an edge in clocks. Two edges in a row are 1 apart and move by sqrt(2) of it against each
@@ -43,11 +43,10 @@ EFFECTS = (
         "metastability",
         "metastability: a crossing close to a clock edge may be seen one clock late",
         {
-            "t_aperture_s": not_negative(
+            "t_aperture_s": within_clock(
                 "Crossings within half of it either side of a clock edge are decided by a coin, in s",
                 1e-7,
                 (1e-14, 1e-7),
-                "a finite number >= 0, below one clock",
             )
         },
         {"t_aperture_s": "comparator.t_aperture_s"},

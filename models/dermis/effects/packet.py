@@ -3,30 +3,23 @@
 
 from __future__ import annotations
 
-from dermis import bounds
-from dermis.effects.effect import Effect, column, number, too_warm
+from dermis.effects.effect import column, exact_effect, number, too_warm
 
 EFFECTS = (
-    Effect(
+    exact_effect(
         "charge_packet",
         "relative error of every packet",
         {"packet_error": column("Relative error of every packet", 0.03, (1e-4, 0.05), gt=-1)},
         {"packet_error": "charge.packet_error"},
         converter={"packet_error": "packet_error"},
-        bound=bounds.honoured,
     ),
-    Effect(
+    exact_effect(
         "preset_error",
         "error of the preset voltage",
-        {
-            "v_v": column(
-                "Error of the preset, in V of the integrator; plus is more charge", 0.2, (1e-4, 0.3), 1e-3
-            )
-        },
+        {"v_v": column("Error, in V of the integrator; plus is more charge", 0.2, (1e-4, 0.3), 1e-3)},
         converter={"preset_error_v": "v_v"},
-        bound=bounds.honoured,
     ),
-    Effect(
+    exact_effect(
         "reference_drift",
         "drift of the reference current, and so of every packet, with temperature",
         {
@@ -36,6 +29,5 @@ EFFECTS = (
         {"tc_per_k": "charge.tc_per_k", "delta_k": "ambient.delta_k"},
         converter={"packet_error": lambda p, _: p.tc_per_k * p.delta_k},
         wrong=too_warm,
-        bound=bounds.honoured,
     ),
 )

@@ -5,22 +5,15 @@ from __future__ import annotations
 
 import functools
 
-from dermis import bounds
-from dermis.effects.effect import Effect, not_negative, number, share, too_warm
+from dermis.effects.effect import exact_effect, not_negative, number, share, too_warm
 
-_Sheet = functools.partial(Effect, bound=bounds.honoured, considered=False)
+_Sheet = functools.partial(exact_effect, considered=False)
 
 EFFECTS = (
     _Sheet(
         "sensor_hysteresis",
         "hysteresis of a taxel: higher conductance for falling force",
-        {
-            "relative": share(
-                "How far the resistance on the way back lies below that on the way up, relative",
-                0.2,
-                (1e-3, 0.9),
-            )
-        },
+        {"relative": share("Relative decrease of the resistance on the way back", 0.2, (1e-3, 0.9))},
         {"relative": "sensor.hysteresis"},
         sensor={"hysteresis": "relative"},
     ),
@@ -45,11 +38,7 @@ EFFECTS = (
     _Sheet(
         "sensor_spread",
         "random factor on the conductance of each taxel",
-        {
-            "relative": share(
-                "Standard deviation of conductance from taxel to taxel, relative", 0.1, (1e-3, 0.5)
-            )
-        },
+        {"relative": share("Relative standard deviation from taxel to taxel", 0.1, (1e-3, 0.5))},
         {"relative": "sensor.spread"},
         sensor={"spread": "relative"},
     ),

@@ -40,30 +40,14 @@ PICTURE = "docs/figures/ablate.png"
 
 @dataclass(frozen=True)
 class Cost:
-    """Changes made by one effect.
+    """Changes made by one effect."""
 
-    Attributes
-    ----------
-    name : str
-        The effect; EVERYTHING for all of them together.
-    code_max_lsb : int
-        Largest |code with - code without| of any taxel.
-    moved : float
-        Share of the taxels whose code moves, 0..1.
-    mean_shift_lsb : float
-        Mean of code with - code without over all taxels.
-    time_ratio : float
-        Processor time with over without, median of pairs of runs.
-    engine : str
-        The cheapest engine that can do the scene without it.
-    """
-
-    name: str
-    code_max_lsb: int
-    moved: float
-    mean_shift_lsb: float
-    time_ratio: float
-    engine: str
+    name: str  # the effect; EVERYTHING for all of them together
+    code_max_lsb: int  # largest |code with - code without| of any taxel
+    moved: float  # share of the taxels whose code moves, 0..1
+    mean_shift_lsb: float  # mean of code with - code without over all taxels
+    time_ratio: float  # processor time with over without, median of pairs of runs
+    engine: str  # the cheapest that can do the scene without it
 
 
 def with_effects(world: Scene, on: Mapping[str, Strict], engine: str | None = None) -> Plan:
@@ -80,29 +64,16 @@ def measure(
     pairs: int | None = None,
     show: progress.Tell = lambda done, doing="": None,
 ) -> tuple[Plan, list[Cost]]:
-    """Ablate a scene.
+    """Ablate a scene; return the plan with everything on, and the costs: everything first, then the largest first.
 
     Parameters
     ----------
-    world : Scene
-    engine : str, optional
-        Engine of all runs; default the cheapest that can do all effects at once, so that times compare.
-    frames : int, optional
-        Largest number of frames, around the one with the most conductance; default FRAMES, 1 with cosim.
-    pairs : int, optional
-        Pairs of runs, with and without an effect, for a ratio of times, NaN without; default PAIRS, 1 with cosim.
-    show : callable
-        Called with the number of effects done and the next one.
+    engine : of all runs; default the cheapest that can do all effects at once, so that times compare
+    frames : most frames, around the one with the most conductance; default FRAMES, 1 with cosim
+    pairs : pairs of runs, with and without an effect, for a ratio of times, NaN without; default PAIRS, 1 with cosim
+    show : called with the number of effects done and the next one
 
-    Returns
-    -------
-    Plan, list of Cost
-        The plan with everything on, and the costs: everything first, then the largest first.
-
-    Raises
-    ------
-    InputError
-        No effect is on, or the engine cannot do them all.
+    Raises InputError if no effect is on, or the engine cannot do them all.
     """
     on = world.effects  # with `auto`: all effects that it may choose
     if not on:
@@ -187,21 +158,22 @@ def figure(costs: list[Cost], title: str, path: Path) -> None:
     names = [c.name for c in order]
     canvas = Figure(figsize=(11, 1.6 + 0.32 * len(order)), layout="constrained")
     codes, time = canvas.subplots(1, 2, sharey=True, width_ratios=[2, 1])
-    y = np.arange(len(order))
-    codes.barh(y + 0.2, [c.code_max_lsb for c in order], 0.4, color=figures.BLUE, label="largest |shift|")
-    codes.barh(
-        y - 0.2, [abs(c.mean_shift_lsb) for c in order], 0.4, color=figures.ORANGE, label="|mean shift|"
+    y, largest, mean = (
+        np.arange(len(order)),
+        [c.code_max_lsb for c in order],
+        [abs(c.mean_shift_lsb) for c in order],
     )
+    codes.barh(y + 0.2, largest, 0.4, color=figures.BLUE, label="largest |shift|")
+    codes.barh(y - 0.2, mean, 0.4, color=figures.ORANGE, label="|mean shift|")
     codes.set_xscale("symlog", linthresh=1.0)
-    codes.set_xlim(0, 3 * max(1, *(c.code_max_lsb for c in order)))  # room for the text after the longest bar
+    codes.set_xlim(0, 3 * max(1, *largest))  # room for the text after the longest bar
     codes.xaxis.set_major_formatter("{x:g}")
     codes.set_xlabel("shift of the code when the effect goes / LSB, and share of the taxels that move")
     codes.set_yticks(y, names)
     codes.legend(frameon=False, fontsize=8, loc="lower right")
     for at, cost in zip(y, order, strict=True):
-        codes.annotate(
-            f" {100 * cost.moved:.3g} %", (max(cost.code_max_lsb, 0.02), at + 0.2), fontsize=7, va="center"
-        )
+        place = max(cost.code_max_lsb, 0.02), at + 0.2
+        codes.annotate(f" {100 * cost.moved:.3g} %", place, fontsize=7, va="center")
     time.barh(y, [c.time_ratio for c in order], 0.5, color=figures.GREEN)
     time.axvline(1.0, color=figures.GREY, lw=0.8)
     time.set_xlabel("processor time with / without")
@@ -240,8 +212,7 @@ def ablate_command(
     click.echo(f"figure: {BUILD / 'ablate.png'}")
     if docs:
         figure(costs, title, ROOT / PICTURE)
-        write_between(
-            ROOT / DOCS, BEGIN, END, docs_table(costs, f"`make ablate SCENE={scene_name}`: {title}")
-        )
+        table = docs_table(costs, f"`make ablate SCENE={scene_name}`: {title}")
+        write_between(ROOT / DOCS, BEGIN, END, table)
         click.echo(f"written: {DOCS}")
     return verdict.exit_code(rows)

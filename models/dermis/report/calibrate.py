@@ -74,10 +74,8 @@ class SessionTable(Strict):
 def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     """Fit the calibration of a session file; rows have each value with its standard uncertainty.
 
-    Raises
-    ------
-    InputError
-        Anything wrong with the file or with the files that it names, or measurements that contradict each other.
+    Raises InputError for anything wrong with the file or with the files that it names, or measurements that
+    contradict each other.
     """
     table = validate(SessionTable, read_toml(path), path)
     rows, cols = table.array.rows, table.array.cols
@@ -102,9 +100,11 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             raise InputError(path, key, name, f"codes 0..{made.code_max}")
         return made.rising(found.astype(np.int64))
 
+    def note(name: str, value: float, unit: str, remark: str) -> None:
+        said.append(verdict.report(f"calibrate.{name}", value, unit, remark))
+
     def value(name: str, pair: tuple[float, float], unit: str, remark: str = "") -> None:
-        note = f"standard uncertainty {pair[1]:.3g}" + (f"; {remark}" if remark else "")
-        said.append(verdict.report(f"calibrate.{name}", pair[0], unit, note))
+        note(name, pair[0], unit, f"standard uncertainty {pair[1]:.3g}" + (f"; {remark}" if remark else ""))
 
     try:
         if table.current:
@@ -134,17 +134,14 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
                 loads.append(identify.Load(load.name or load.file, codes, force))
             if not table.current and (spread := [noise for load in loads for noise in _noise(made, load)]):
                 made = dataclasses.replace(made, noise_code=float(np.sqrt(np.mean(np.square(spread)))))
-                said.append(
-                    verdict.report("calibrate.noise", made.noise_code, "codes", "of the frames of a load")
-                )
+                note("noise", made.noise_code, "codes", "of the frames of a load")
             fit = identify.fit_sheet(made, loads, table.start.law)
             made = fit.calibration
             for name, pair in fit.values.items():
                 value(name, pair, name.rsplit("_", 1)[1], fit.remarks.get(name, ""))
-            said.append(verdict.report("calibrate.law_part", made.law_part, "1", "relative error of the law"))
+            note("law_part", made.law_part, "1", "relative error of the law")
             own = [f"{r} {c}" for r, c in made.own]
-            taxels = ", ".join(own[:8]) + (" ..." if len(own) > 8 else "")
-            said.append(verdict.report("calibrate.own_laws", len(own), "taxels", taxels))
+            note("own_laws", len(own), "taxels", ", ".join(own[:8]) + (" ..." if len(own) > 8 else ""))
             odd = "; ".join(f"{r} {c} {reason}" for (r, c), reason in list(fit.bad_taxels.items())[:8])
             said.append(verdict.within("calibrate.bad_taxels", len(fit.bad_taxels), "taxels", None, 0, odd))
             named = ", ".join(fit.bad)

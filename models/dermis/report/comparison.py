@@ -31,13 +31,12 @@ def on_code(made: Plan) -> NDArray[np.bool_]:
 
 
 def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray[np.float64]] | None:
-    """Fit a straight line to code against force below saturation: slope per newton, offset,
-    residuals; or None.
+    """Fit a straight line to code against force below saturation: slope per newton, offset, residuals; or None.
 
     None as well where codes do not follow force in one line: another law than Force = K/R, a sheet
     that has aged, or columns of different k.
     """
-    if made.force_n is None or not isinstance(made.sensor, InverseSensor) or np.ptp(made.converter.k):
+    if not isinstance(made.sensor, InverseSensor) or np.ptp(made.converter.k):
         return None
     if not np.allclose(made.sensor.force_n(made.resistance_ohm), made.force_n, rtol=_EXACT, atol=0):
         return None
@@ -87,13 +86,9 @@ def first_frames(made: Plan, result: Result, name: str, taxels: int) -> list[Row
 
 
 def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None = None) -> list[Row]:
-    """Compare the codes of a run with a neighbouring engine and with a straight line.
+    """Compare the codes of a run with a neighbouring engine, with a straight line, and with the codes of a frame file.
 
-    Parameters
-    ----------
-    made, result : the plan and its result
-    name : last part of the rows' names
-    expected : codes that a frame file holds, to be read back
+    `name` is the last part of the rows' names; `expected` are the codes that the file holds.
     """
     codes = result.codes.astype(int)
     if made.views.in_transistors(made.topology):

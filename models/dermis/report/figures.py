@@ -53,9 +53,7 @@ def _layout(rows: int, cols: int) -> tuple[list[list[str]], tuple[float, float]]
 
 
 def _top(made: Plan, codes: NDArray[Any]) -> int:
-    """Return the code at the end of the scales: full scale, halved as long as every code, read and ideal, is below
-    half of it.
-    """
+    """Return the code at the end of the scales: full scale, halved while every code, read or ideal, is below half."""
     top = made.timing.code_max
     most = max(codes.max(initial=0), made.timing.gate_clocks * made.duty_ideal().max(initial=0.0))
     while top > 15 and most < top // 2:
@@ -63,59 +61,46 @@ def _top(made: Plan, codes: NDArray[Any]) -> int:
     return top
 
 
-def _scale(made: Plan, top: int) -> tuple[list[int], list[str]]:
-    """Return codes of the colour scale with the force, or resistance, of an ideal chip."""
-    codes = [round(top * part / 4) for part in range(5)]
-    duty = np.array(codes)[:, None] / made.timing.gate_clocks * np.ones(made.cols)
-    unit, of_duty = ("ohm", made.ohm_of_duty) if made.force_n is None else ("N", made.force_of_duty)
-    values = of_duty(duty)[:, 0]
-    said = [f"{value:.3g} {unit}" if np.isfinite(value) else "open" for value in values]
-    return codes, [f"{code}  ({words})" for code, words in zip(codes, said, strict=True)]
+def strongest(codes: NDArray[Any]) -> tuple[int, str]:
+    """Return the frame with the largest sum of codes, and its words behind a title; "" for the only frame."""
+    frame = int(np.argmax(codes.reshape(len(codes), -1).sum(axis=1, dtype=float)))
+    return frame, f", frame {frame} of {len(codes)}" if len(codes) > 1 else ""
 
 
 def frame_figure(
     made: Plan, codes: NDArray[Any], fit: tuple[float, float, NDArray[np.float64]] | None, path: Path
 ) -> Figure:
-    """Draw one run: stimulus and codes of the strongest frame on one scale, code against force,
-    residual.
+    """Draw one run as PNG: stimulus and codes of the strongest frame on one scale, code against force, residual.
 
-    Parameters
-    ----------
-    made : Plan
-    codes : [frames, rows, cols]
-    fit : slope (codes a newton), offset and residuals of the taxels below saturation, or None
-    path : where the PNG goes
+    `codes` are [frames, rows, cols]; `fit` is slope (codes a newton), offset and residuals of the taxels below
+    saturation, or None.
     """
     places, size = _layout(made.rows, made.cols)
-    with_force = made.force_n is not None
-    if not with_force:
-        places, size = [["press", "codes"]], (11, 4.4) if size[1] > 7 else size
     figure = Figure(figsize=size, layout="constrained")
-    if len(places) == 2 and places[0] == ["press", "codes"]:
+    if places[0] == ["press", "codes"]:
         # Each row is laid out by itself, so that the lower one is as wide as maps and colour scale.
         parts = figure.subfigures(2, 1, height_ratios=[1.3, 1])
         axes = {name: found for part, row in zip(parts, places, strict=True)
                 for name, found in part.subplot_mosaic([row]).items()}  # fmt: skip
     else:
         parts, axes = [figure], figure.subplot_mosaic(places)
-    frame = int(np.argmax(codes.reshape(codes.shape[0], -1).sum(axis=1, dtype=float)))
-    which = f", frame {frame} of {made.frames}" if made.frames > 1 else ""
+    frame, which = strongest(codes)
     code_max, top = made.timing.code_max, _top(made, codes)
     steps = made.timing.gate_clocks * made.part(frame, frame + 1).duty_ideal()[0]
-    pressed = "force" if with_force else "conductance"
     maps = {"press": np.minimum(steps, code_max), "codes": codes[frame]}
-    titles = f"Stimulus: {pressed} on the taxel{which}", f"Code that the chip reports{which}"
+    titles = f"Stimulus: force on the taxel{which}", f"Code that the chip reports{which}"
     for (name, values), title in zip(maps.items(), titles, strict=True):
         image = axes[name].imshow(values, cmap="viridis", interpolation="nearest", vmin=0, vmax=top)
         axes[name].set(xlabel="column", ylabel="row")
         axes[name].set_title(title, fontsize=10)
         axes[name].locator_params(integer=True)
-    ticks, words = _scale(made, top)
+    ticks = [round(top * part / 4) for part in range(5)]
+    ideal_n = made.force_of_duty(np.outer(ticks, np.ones(made.cols)) / made.timing.gate_clocks)[:, 0]
     both = [axes["press"], axes["codes"]]
-    bar = parts[0].colorbar(image, ax=both, ticks=ticks, label=f"code (ideal {pressed})")
+    bar = parts[0].colorbar(image, ax=both, ticks=ticks, label="code (ideal force)")
+    words = [f"{code}  ({force:.3g} N)" for code, force in zip(ticks, ideal_n, strict=True)]
     bar.ax.set_yticklabels(words, fontsize=8)
-    if with_force:
-        _curves(made, codes, top, fit, axes["curve"], axes["rest"])
+    _curves(made, codes, top, fit, axes["curve"], axes["rest"])
     save(figure, path)
     return figure
 
@@ -129,8 +114,6 @@ def _curves(
     rest: Any,
 ) -> None:
     """Draw code against force of every taxel with the fitted line, and the residual."""
-    assert made.force_n is not None
-    code_max = made.timing.code_max
     full_n = float(made.force_of_duty(np.full(made.cols, top / made.timing.gate_clocks)).max())
     if not math.isfinite(full_n):  # no force reaches full scale: as far as there are forces
         full_n = max(1.0, float(made.force_n.max(initial=0.0, where=np.isfinite(made.force_n))))
@@ -142,23 +125,22 @@ def _curves(
     if fit is not None:
         line, label = np.array([0.0, (top - fit[1]) / fit[0]]), f"{fit[0]:.3f} codes/N {fit[1]:+.3f}"
         curve.plot(line, fit[0] * line + fit[1], color=ORANGE, lw=1, label=label)
-    curve.set_ylim(-0.03 * top, 1.05 * top)
-    curve.set_ylabel("code")
+    curve.set(ylim=(-0.03 * top, 1.05 * top), ylabel="code")
     curve.set_title("Code against force", fontsize=10)
     if curve.get_legend_handles_labels()[0]:
         curve.legend(frameon=False, fontsize=8, loc="lower right")
     rest.set_title("Residual of the fit, below saturation", fontsize=10)
     rest.set_ylabel("code - fit / LSB")
     for axes in (curve, rest):
-        axes.set_xlabel("force on the taxel / N")
+        limits = -0.02 * full_n, 1.02 * force[shown].max(initial=full_n)
+        axes.set(xlabel="force on the taxel / N", xlim=limits, xticks=ticks)
+        axes.set_xticklabels([f"{n:.3g}" for n in ticks])
         axes.grid(alpha=0.3)
-        axes.set_xlim(-0.02 * full_n, 1.02 * force[shown].max(initial=full_n))
-        axes.set_xticks(ticks, [f"{n:.3g}" for n in ticks])
     if fit is None:
         rest.set_yticks([])
         rest.text(0.5, 0.5, "no line to fit", ha="center", transform=rest.transAxes)
         return
-    below = np.isfinite(made.force_n) & (made.timing.gate_clocks * made.duty_ideal() <= code_max)
+    below = np.isfinite(made.force_n) & (made.timing.gate_clocks * made.duty_ideal() <= made.timing.code_max)
     cloud(rest, made.force_n[below], fit[2], f"{int(below.sum())} codes")
     for limit in (-0.5, 0.5):
         rest.axhline(limit, color=GREY, lw=0.8, ls="--")
@@ -167,13 +149,9 @@ def _curves(
 
 
 def transient_figure(made: Plan, result: Result, path: Path) -> None:
-    """Draw the paper's Fig. 11: integrators and charge switches of several taxels of a row after
-    the preset.
+    """Draw the paper's Fig. 11 as PNG: integrators and charge switches of taxels of a row after the preset.
 
-    Parameters
-    ----------
-    made, result : a plan and its recorded co-simulation
-    path : where the PNG goes
+    `result` is a recorded co-simulation.
     """
     record = result.info["records"][0]
     time_s, v_int = waves.integrator_waves(record, made.cols)
@@ -200,11 +178,10 @@ def transient_figure(made: Plan, result: Result, path: Path) -> None:
         bits = np.array([charge[clock - 1] >> column & 1 for clock in span])
         at = (span + delay - start) * t_clk * 1e6
         axes.fill_between(at, bottom, np.where(bits, top, bottom), step="post", color=ORANGE, lw=0)
-        force = "" if made.force_n is None else f"{made.force_n[0, row, column]:.2f} N, "
-        words = f"row {row}, column {column}: {force}x = {duty[row, column]:.3f}, code {result.codes[0, row, column]}"
+        force, code = made.force_n[0, row, column], result.codes[0, row, column]
+        words = f"row {row}, column {column}: {force:.2f} N, x = {duty[row, column]:.3f}, code {code}"
         axes.set_title(words, fontsize=9, loc="left")
-        axes.set_xlim(-3 * t_clk * 1e6, clocks * t_clk * 1e6)
-        axes.set_ylabel("v_int / V")
+        axes.set(xlim=(-3 * t_clk * 1e6, clocks * t_clk * 1e6), ylabel="v_int / V")
     rows[0].set_title("line: integrator; bar: charge switch on", fontsize=9, loc="right")
     rows[-1].set_xlabel("time after the release of the preset / us")
     save(figure, path)

@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report pages: the verdict tables, figures and runs of a command as one HTML file without
-JavaScript; a pointer on a taxel of a map shows its value.
-"""
+"""Report pages: verdict tables, figures and runs of a command as one HTML file without JavaScript."""
 
 from __future__ import annotations
 
 import base64
-import datetime
 import io
 import json
 import shlex
@@ -30,7 +27,7 @@ from dermis.errors import DermisError, InputError, one_line, optional
 from dermis.files import write_atomic
 from dermis.places import BUILD
 from dermis.records import Plan
-from dermis.report import output, verdict
+from dermis.report import figures, output, verdict
 from dermis.report.verdict import Row
 
 WORST = 10
@@ -51,12 +48,10 @@ def write(
     command: Sequence[str] | None = None,
     maps: Sequence[tuple[str, NDArray[Any], str]] = (),
 ) -> None:
-    """Write a report page.
+    """Write a report page, whole or not at all.
 
     Parameters
     ----------
-    path : the page, whole or not at all
-    title : its heading
     tables : verdict rows by the name of their target
     runs : directories that `dermis run` or the like has filled
     images : figures of the command, PNG; the first is on the first screen, else that of the first run
@@ -69,7 +64,7 @@ def write(
         title=title,
         picture=picture,
         worst=_worst_row([row for rows in tables.values() for row in rows]),
-        text=f"{_utc()}. Repeat with:",
+        text=f"{_utc(time.time())}. Repeat with:",
         command=shlex.join(command),
         tables={
             name: sorted(rows, key=lambda row: ORDER.index(row["status"])) for name, rows in tables.items()
@@ -126,33 +121,24 @@ def _worst_row(rows: Sequence[Row]) -> Row | None:
     """
 
     def used(row: Row) -> float:
-        if row["status"] in ("ERROR", "FAIL"):
+        if row["status"] != "PASS":
             return {"ERROR": 3.0, "FAIL": 2.0}[row["status"]]
         value, low, high = row["value"], row["min"], row["max"]
         shares = [value / high] if high is not None and high > 0 else []
         shares += [low / value] if low is not None and low > 0 else []
         return max(shares, default=-1.0)
 
-    judged = [row for row in rows if row["status"] in ("ERROR", "FAIL") or _judged(row)]
-    return max(judged, key=used, default=None)
+    met = [row for row in rows if row["status"] == "PASS" and (row["min"], row["max"]) != (None, None)]
+    return max((*(row for row in rows if row["status"] in ("ERROR", "FAIL")), *met), key=used, default=None)
 
 
-def _judged(row: Row) -> bool:
-    return row["status"] == "PASS" and (row["min"], row["max"]) != (None, None)
-
-
-def _utc(seconds: float | None = None) -> str:
-    """Return a moment in words: seconds since 1970, or now."""
-    utc = datetime.UTC
-    when = datetime.datetime.now(utc) if seconds is None else datetime.datetime.fromtimestamp(seconds, utc)
-    return when.strftime("%Y-%m-%d %H:%M UTC")
+def _utc(seconds: float) -> str:
+    """Return a moment, in seconds since 1970, in words."""
+    return time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(seconds))
 
 
 def _counts(rows: Sequence[Row]) -> dict[str, int]:
     return {status: sum(row["status"] == status for row in rows) for status in verdict.COLOURS}
-
-
-# ---- a run --------------------------------------------------------------------------------------------------------
 
 
 def _run(directory: Path) -> dict[str, Any]:
@@ -170,25 +156,17 @@ def _run(directory: Path) -> dict[str, Any]:
         made = plan.load(scene, engine)
     except DermisError as error:  # a file of the scene is gone: the codes are there all the same
         return found | {"maps": [_map("Codes", codes[0].astype(float), "code")], "unread": error}
-    heads, worst = _worst(made, codes)
-    return found | {"maps": _maps(made, codes), "heads": heads, "worst": worst}
+    off = codes.astype(int) - vfc.code(made.duty_ideal(), made.timing.gate_clocks, made.timing.code_max)
+    heads, worst = _worst(made, codes, off)
+    return found | {"maps": _maps(made, codes, off), "heads": heads, "worst": worst}
 
 
-def _ideal(made: Plan) -> NDArray[np.int64]:
-    """Return codes of an ideal read-out, [frames, rows, cols]."""
-    return vfc.code(made.duty_ideal(), made.timing.gate_clocks, made.timing.code_max)
-
-
-def _maps(made: Plan, codes: NDArray[Any]) -> list[Any]:
+def _maps(made: Plan, codes: NDArray[Any], off: NDArray[Any]) -> list[Any]:
     """Draw codes, forces and errors of the strongest frame."""
-    frame = int(np.argmax(codes.reshape(codes.shape[0], -1).sum(axis=1, dtype=float)))
-    which = f", frame {frame} of {made.frames}" if made.frames > 1 else ""
-    read = decode(made, codes[frame]).force_n
-    off = codes[frame].astype(float) - _ideal(made)[frame]
-    maps = [
-        _map(f"Code{which}", codes[frame].astype(float), ""),
-        _map(f"Force read{which}", np.where(np.isfinite(read), read, np.nan), "N"),
-    ]
+    frame, which = figures.strongest(codes)
+    read, off = decode(made, codes[frame]).force_n, off[frame].astype(float)
+    read = np.where(np.isfinite(read), read, np.nan)
+    maps = [_map(f"Code{which}", codes[frame].astype(float), ""), _map(f"Force read{which}", read, "N")]
     if not off.any():  # a map of one colour would say less
         return maps
     most = float(np.abs(off).max())
@@ -218,30 +196,20 @@ def _map(
     return {"title": f"{title}, {low:.3g} to {high:.3g} {label}".rstrip(), "cells": cells}
 
 
-def _worst(made: Plan, codes: NDArray[Any]) -> tuple[list[str], list[list[Any]]]:
+def _worst(made: Plan, codes: NDArray[Any], off: NDArray[Any]) -> tuple[list[str], list[list[Any]]]:
     """Return the heads and lines of a table of the codes that are farthest from those of an ideal read-out."""
-    ideal = _ideal(made)
-    off = codes.astype(int) - ideal
-    columns = {"code": codes, "ideal code": ideal, "resistance / ohm": made.resistance_ohm}
-    columns |= {} if made.force_n is None else {"force / N": made.force_n}
-    columns["difference / LSB"] = off
-    worst = np.argsort(-np.abs(off).ravel(), kind="stable")[:WORST] if off.any() else []
-    places = zip(*np.unravel_index(worst, off.shape), strict=True) if off.any() else ()
+    columns = {"code": codes, "ideal code": codes - off, "resistance / ohm": made.resistance_ohm}
+    columns |= {"force / N": made.force_n, "difference / LSB": off}
+    worst = np.argsort(-np.abs(off).ravel(), kind="stable")[: WORST * off.any()]
+    places = zip(*np.unravel_index(worst, off.shape), strict=True)
     lines = [[*map(int, place), *(values[place].item() for values in columns.values())] for place in places]
     return ["frame", "row", "column", *columns], lines
 
 
-# ---- commands -----------------------------------------------------------------------------------------------------
-
-
 def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
-    """Call a command and write the page of the tables and runs that it leaves; return what it
-    returns.
+    """Call a command and write the page of the tables and runs that it leaves; return what it returns.
 
-    Raises
-    ------
-    InputError
-        jinja2 is missing, or the page cannot be written; known before the command runs.
+    Raises InputError before the command runs if jinja2 is missing, or the page cannot be written.
     """
     optional("jinja2", "report")
     if path.is_dir() or not path.parent.is_dir():
@@ -281,20 +249,16 @@ def report_command(out: Path | None) -> int:
         write(out / f"{name}.html", name, {name: rows}, runs, images, ["dermis", name])
         counts = _counts(rows)
         worst = next((status for status in ("ERROR", "FAIL") if counts[status]), "PASS")
-        link = {"href": f"{name}.html", "text": name}
-        lines.append(
-            (_picture(runs, images) or "", link, worst, *counts.values(), _utc(table.stat().st_mtime))
-        )
+        link, when = {"href": f"{name}.html", "text": name}, _utc(table.stat().st_mtime)
+        lines.append((_picture(runs, images) or "", link, worst, *counts.values(), when))
     if not lines:
-        raise InputError(
-            "build", "*.json", "nothing", "verdict tables; run a target first, such as `make sim`"
-        )
+        allowed = "verdict tables; run a target first, such as `make sim`"
+        raise InputError("build", "*.json", "nothing", allowed)
     lines.sort(key=lambda line: ORDER.index(line[2]))
     heads = ("picture", "target", "result", *verdict.COLOURS, "measured")
     text = "Every verdict table of this checkout; those that missed come first."
-    write_atomic(
-        out / "index.html", _page(title="dermis: report", text=text, heads=heads, index=lines, tables={})
-    )
+    page = _page(title="dermis: report", text=text, heads=heads, index=lines, tables={})
+    write_atomic(out / "index.html", page)
     click.echo(f"{len(lines)} pages, listed in {out / 'index.html'}")
     return 0
 

@@ -49,13 +49,7 @@ _PARTIAL, _COMPLETE = ".partial_", ".complete_"
 
 
 def prepare(out: str | Path) -> Path:
-    """Check before a run that results can be written to `out`; return it as a path.
-
-    Raises
-    ------
-    InputError
-        `out` is empty, a file, or cannot be written.
-    """
+    """Return `out` as a path; raise InputError before a run if it is empty, a file, or cannot be written."""
     if not str(out):  # as a path it would be the working directory
         raise InputError("command line", "out", '""', "a directory that can be written")
     path = Path(out)
@@ -168,9 +162,8 @@ def _commit(scratch: Path, out: Path) -> None:
 
 def csv_of(frames: NDArray[Any], kind: str = "d", time_s: NDArray[np.float64] | None = None) -> str:
     """Return frames [frames, rows, cols] as text: frame,row,c0,c1,...; with times, frame,time_s,row,c0,..."""
-    lines = [
-        f"frame,{'' if time_s is None else 'time_s,'}row," + ",".join(f"c{c}" for c in range(frames.shape[2]))
-    ]
+    heads = ["frame", *["time_s"] * (time_s is not None), "row", *(f"c{c}" for c in range(frames.shape[2]))]
+    lines = [",".join(heads)]
     for f, frame in enumerate(frames.tolist()):
         start = f"{f}," if time_s is None else f"{f},{time_s[f]:.9g},"
         lines += [f"{start}{r}," + ",".join(format(v, kind) for v in row) for r, row in enumerate(frame)]
@@ -184,10 +177,8 @@ def versions() -> dict[str, str]:
         found[name] = "missing"
         with suppress(importlib.metadata.PackageNotFoundError):  # it stays missing
             found[name] = importlib.metadata.version(name)
-    return found | {name: _tool_version(name, option) for name, option in _TOOLS.items()}
-
-
-_TOOLS = {"iverilog": "-V", "ngspice": "--version"}
+    tools = {"iverilog": "-V", "ngspice": "--version"}
+    return found | {name: _tool_version(name, option) for name, option in tools.items()}
 
 
 def _tool_version(tool: str, option: str) -> str:
@@ -214,6 +205,7 @@ def machine_line() -> str:
 def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
     """Return everything about a run but its codes, for scripts."""
     decoded = decode(plan, result.codes)
+    total_n = decoded.force_n.sum(axis=(1, 2))
     scalars = {k: v for k, v in result.info.items() if isinstance(v, str | int | float | dict)}
     return {
         "title": plan.scene.table.title,
@@ -227,9 +219,7 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         "effects": [e._asdict() for e in plan.effects],
         "seed": plan.seed,
         "decoded": {
-            "total_force_n": [
-                f if math.isfinite(f) else None for f in decoded.force_n.sum(axis=(1, 2)).tolist()
-            ],
+            "total_force_n": [f if math.isfinite(f) else None for f in total_n.tolist()],
             "taxels_at_zero": int(decoded.zero.sum()),
             "taxels_at_full_scale": int(decoded.saturated.sum()),
         },
@@ -253,19 +243,10 @@ def npy_bytes(array: NDArray[Any]) -> bytes:
 def write(
     out: Path, plan: Plan, result: Result, rows: Sequence[Row], draw: Callable[[Path], None] | None = None
 ) -> None:
-    """Write the files of a run into `out`; those of an earlier run are replaced only after all are
-    written.
+    """Write the files of a run into `out`; those of an earlier run are replaced only after all are written.
 
-    Parameters
-    ----------
-    out : directory
-    plan, result, rows : what was run, what came of it, and its verdicts
-    draw : called with a directory, to write further files of the run there, out of SOMETIMES
-
-    Raises
-    ------
-    InputError
-        They cannot be written; those of an earlier run stay.
+    `draw` is called with a directory, to write further files of the run there, out of SOMETIMES. Raises InputError
+    if they cannot be written; those of an earlier run stay.
     """
     files: dict[str, bytes] = {
         "codes.npy": npy_bytes(result.codes),

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `dermis plan`: the effects of a run, and the decisions of its filter for a sample of
-its frames.
-"""
+"""The command `dermis plan`: the effects of a run, and decisions of its filter for a sample of its frames."""
 
 from __future__ import annotations
 
@@ -27,11 +25,11 @@ def print_plan(plan: records.Plan) -> None:
     for e in plan.effects:
         by_reason.setdefault((e.on, e.reason), []).append(e.name)
     console = verdict.console()
-    console.print(f"engine {plan.engine}", highlight=False)
+    console.print(f"engine {plan.engine}")
     for (on, reason), names in sorted(by_reason.items(), reverse=True):
         # Those that the scene does not name are all others.
         listed = f"{len(names)} effects" if reason == "not named" else ", ".join(names)
-        console.print(f"{'on' if on else 'off'} ({reason}): {listed}", highlight=False)
+        console.print(f"{'on' if on else 'off'} ({reason}): {listed}")
 
 
 def print_answer(plan: records.Plan) -> None:
@@ -54,9 +52,7 @@ def print_answer(plan: records.Plan) -> None:
         whole, part = (event.run(made).codes for made in (full, fewer))
         seconds = [cpu_seconds(lambda made=made: event.run(made)) for made in (full, fewer)]
     except DermisError as error:
-        console.print(
-            f"effects not compared, for engine event cannot do this scene: {error}", highlight=False
-        )
+        console.print(f"effects not compared, for engine event cannot do this scene: {error}")
         return
     together = int((whole != part).sum())
     enough = engines.cheapest(full if together else fewer) or plan.engine
@@ -66,16 +62,14 @@ def print_answer(plan: records.Plan) -> None:
     idle = ", ".join(cost.name for cost in costs if not cost.code_max_lsb)
     idle += f" alone, but {together} together" if together else ""
     times = (f"{s * plan.frames / full.frames:.2g} s" for s in seconds)
-    console.print(f"effects that change codes ({of}): {found or 'none'}", highlight=False)
-    console.print(f"effects that change none of them: {idle or 'none'}", highlight=False)
+    console.print(f"effects that change codes ({of}): {found or 'none'}")
+    console.print(f"effects that change none of them: {idle or 'none'}")
     words = f"engine {enough} is enough for those that change codes; engine event takes {next(times)} "
-    console.print(f"{words}of processor time with all effects, {next(times)} with those", highlight=False)
+    console.print(f"{words}of processor time with all effects, {next(times)} with those")
 
 
 def print_filter(plan: records.Plan, found: dict[str, Any]) -> None:
-    """Print the result of the filter: the verdicts, and by effect its shifts and the cells walked
-    because of it.
-    """
+    """Print the result of the filter: the verdicts, and by effect its shifts and the cells walked for it."""
     from dermis.converter import injection  # compiled
 
     heads = ("effect", "largest shift / LSB", "largest possible / LSB", "cells walked for it")
@@ -87,29 +81,28 @@ def print_filter(plan: records.Plan, found: dict[str, Any]) -> None:
     total = found["decided"] + found["level_1"] + found["everything"]
     words = f"of {total} cells {found['decided']} are decided by one solve, {found['level_1']} with their noise drawn, "
     words += f"{found['everything']} by engine event with everything on"
-    console.print(words + (f": {found['reason']}" if found["reason"] else ""), highlight=False)
+    console.print(words + (f": {found['reason']}" if found["reason"] else ""))
     margin = {n: float(c.max()) for n, c in injection.counts(plan).items() if c.max() > 0}
     if margin:
         counts = ", ".join(f"{', '.join(plan.effects_of_field(n))} {c:.2g}" for n, c in margin.items())
-        console.print(f"charge that the filter and engine event leave out, in LSB: {counts}", highlight=False)
+        console.print(f"charge that the filter and engine event leave out, in LSB: {counts}")
 
 
 def print_rows(found: dict[str, Any]) -> None:
     """Print the rows that engine cosim solves in ngspice, and why."""
+    console = verdict.console()
     words = f"of {found['rows_solved'] + found['rows_masked']} rows ngspice solves {found['rows_solved']}"
     if found["reason"]:
-        words += f": {found['reason']}"
-    else:
-        words += f", for {found['cells_open']} cells of which engine event is not certain"
-        if found["rows_before"]:
-            words += f"; {found['rows_before']} of them only because a later row remembers them"
-    console = verdict.console()
-    console.print(words, highlight=False)
-    if not found["reason"]:
-        for frame, rows in list(found["rows"].items())[:_SAMPLE]:
-            console.print(f"{frame}: rows {rows}", highlight=False)
-        if (more := len(found["rows"]) - _SAMPLE) > 0:
-            console.print(f"and rows of {more} more frames: summary.json, info.masked", highlight=False)
+        console.print(f"{words}: {found['reason']}")
+        return
+    words += f", for {found['cells_open']} cells of which engine event is not certain"
+    if found["rows_before"]:
+        words += f"; {found['rows_before']} of them only because a later row remembers them"
+    console.print(words)
+    for frame, rows in list(found["rows"].items())[:_SAMPLE]:
+        console.print(f"{frame}: rows {rows}")
+    if (more := len(found["rows"]) - _SAMPLE) > 0:
+        console.print(f"and rows of {more} more frames: summary.json, info.masked")
 
 
 @click.command("plan")

@@ -68,6 +68,8 @@ def slots(what: str, total: int, unit: str = "row slots") -> Iterator[Tell]:
     columns = BarColumn(), TextColumn("{task.description}")
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(words(begin, 0), total=total)
-        yield lambda done, doing="": bar.update(
-            task, completed=done, description=words(time.monotonic(), done, doing)
-        )
+
+        def show(done: int, doing: str = "") -> None:
+            bar.update(task, completed=done, description=words(time.monotonic(), done, doing))
+
+        yield show

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verdict rows: a measured value against its limit in models/spec.toml, with four outcomes.
 
-PASS and FAIL are measurements; ERROR is a value not measured (None, NaN, infinite); SKIP has a
-reason.
+PASS and FAIL are measurements; ERROR is a value not measured (None, NaN, infinite); SKIP has a reason.
 """
 
 from __future__ import annotations
@@ -31,10 +30,7 @@ COLOURS = {"PASS": "green", "FAIL": "bold red", "ERROR": "bold magenta", "SKIP":
 def limit(name: str) -> Limit:
     """Return the limit of a name: its own, or that of the longest dotted prefix that has one.
 
-    Raises
-    ------
-    KeyError
-        models/spec.toml has no such limit; a value without a limit is `report`-ed, not judged.
+    Raises KeyError without such a limit in models/spec.toml: a value without one is `report`-ed, not judged.
     """
     parts = name.split(".")
     for end in range(len(parts), 1, -1):
@@ -62,8 +58,7 @@ def _with(said: str, note: str) -> str:
 def judge(name: str, value: Any, note: str = "") -> Row:
     """Judge a value against its limit and return the verdict row.
 
-    A limit with ``gate = false`` is an aim: a miss gives SKIP, with "aim missed", value and aim in
-    the note.
+    A limit with ``gate = false`` is an aim: a miss gives SKIP, with "aim missed", value and aim in the note.
     """
     rule = limit(name)
     row = within(name, value, rule.unit, rule.min, rule.max, note)
@@ -146,17 +141,14 @@ def _said(value: Any) -> str:
 
 def console() -> Console:
     """Return a console as wide as the terminal, or of a fixed width elsewhere."""
-    found = Console()
-    return found if found.is_terminal else Console(width=150)
+    found = Console(highlight=False)
+    return found if found.is_terminal else Console(width=150, highlight=False)
 
 
 def in_words(row: Row) -> str:
     """Return value, unit and limits of a row as text."""
-    limits = [
-        f"{word} {row[key]:.6g}"
-        for word, key in (("at least", "min"), ("at most", "max"))
-        if row[key] is not None
-    ]
+    words = {"min": "at least", "max": "at most"}
+    limits = [f"{word} {row[key]:.6g}" for key, word in words.items() if row[key] is not None]
     value = "no value" if row["value"] is None else f"{row['value']:.4g} {row['unit']}"
     return f"{value} ({' and '.join(limits)})" if limits else value
 
@@ -188,7 +180,7 @@ def print_rows(rows: Sequence[Row], title: str = "") -> None:
     screen = print_table(title, ("name", *numbers, "unit", "status", "note"), lines, numbers)
     counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in COLOURS)
     missed = len(aims_missed(rows))
-    screen.print(f"{counts}, {missed} of them missed aims" if missed else counts, highlight=False)
+    screen.print(f"{counts}, {missed} of them missed aims" if missed else counts)
 
 
 def exit_code(rows: Sequence[Row]) -> int:

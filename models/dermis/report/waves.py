@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from dermis.chip.netlist import integrator_nodes
 from dermis.engines import Result
 from dermis.errors import optional
-from dermis.files import atomic
+from dermis.files import write_atomic
 from dermis.records import Plan
 
 
@@ -57,29 +56,22 @@ def write(out: Path, made: Plan, result: Result) -> Path:
     for column, volts in enumerate(v_int):
         events += [(round(t * 1e12), f"v_int{column}", float(v)) for t, v in zip(time_s, volts, strict=True)]
     events.sort(key=lambda event: event[0])
-    out.mkdir(parents=True, exist_ok=True)
-    with _text(out / "waves.vcd") as file:
-        with vcd.VCDWriter(file, timescale="1 ps", date="", version="dermis") as writer:
-            variables = {net: writer.register_var("chip", net, "wire", size=n) for net, n in nets.items()}
-            for name in (f"v_int{column}" for column in range(made.cols)):
-                variables[name] = writer.register_var("analog", name, "real", init=0.0)
-            for time, name, value in events:
-                writer.change(variables[name], time, value)
-    with _text(out / "waves.gtkw") as file:
-        save = gtkw.GTKWSave(file)
-        save.dumpfile("waves.vcd", abspath=False)
-        save.zoom_markers(-22.0)
-        save.trace("chip.preset")
-        for net, width in list(nets.items())[1:]:
-            save.trace(f"chip.{net}[{width - 1}:0]" if width > 1 else f"chip.{net}", datafmt="hex")
-        for column in range(made.cols):
-            save.trace(f"analog.v_int{column}", extraflags=["analog_step"])
+    file = io.StringIO()
+    with vcd.VCDWriter(file, timescale="1 ps", date="", version="dermis") as writer:
+        variables = {net: writer.register_var("chip", net, "wire", size=n) for net, n in nets.items()}
+        for name in (f"v_int{column}" for column in range(made.cols)):
+            variables[name] = writer.register_var("analog", name, "real", init=0.0)
+        for time, name, value in events:
+            writer.change(variables[name], time, value)
+    write_atomic(out / "waves.vcd", file.getvalue())
+    file = io.StringIO()
+    save = gtkw.GTKWSave(file)
+    save.dumpfile("waves.vcd", abspath=False)
+    save.zoom_markers(-22.0)
+    save.trace("chip.preset")
+    for net, width in list(nets.items())[1:]:
+        save.trace(f"chip.{net}[{width - 1}:0]" if width > 1 else f"chip.{net}", datafmt="hex")
+    for column in range(made.cols):
+        save.trace(f"analog.v_int{column}", extraflags=["analog_step"])
+    write_atomic(out / "waves.gtkw", file.getvalue())
     return out / "waves.vcd"
-
-
-@contextmanager
-def _text(path: Path) -> Iterator[IO[str]]:
-    with atomic(path) as binary:
-        file = io.TextIOWrapper(binary, encoding="utf-8", newline="\n")
-        yield file
-        file.detach()  # flushed by then; the file below it is closed where it was opened

@@ -11,7 +11,8 @@ import functools
 import math
 import operator
 import re
-from collections.abc import Iterator, Mapping
+import typing
+from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -21,12 +22,13 @@ from pydantic import Field, PrivateAttr, model_validator
 from dermis.errors import InputError
 from dermis.places import ROOT
 from dermis.scene import schema
-from dermis.scene.schema import Strict, validate
+from dermis.scene.schema import Strict, refuse, validate
 
 DESIGN_FILE = ROOT / "models" / "design.toml"
 SPEC_FILE = ROOT / "models" / "spec.toml"
 
-TOPOLOGIES = ("direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor")
+Topology = Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"]
+TOPOLOGIES = typing.get_args(Topology)
 K_BOLTZMANN_J_PER_K = 1.380649e-23
 ELECTRON_C = 1.602176634e-19
 ABSOLUTE_ZERO_C = -273.15
@@ -89,7 +91,7 @@ class Sensor(Strict):
 class Interface(Strict):
     """The interface between a column and its converter."""
 
-    topology: Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"]
+    topology: Topology
     v_bias_v: Positive
     k: int = Field(ge=1, le=100_000)
     k_options: list[Annotated[int, Field(ge=1, le=100_000)]] = Field(min_length=4, max_length=4)
@@ -132,24 +134,23 @@ class Timing(Strict):
     gate_clocks: int = Field(ge=1, le=2**24)
     code_bits: int = Field(ge=1, le=16)
     break_clocks: int = Field(ge=1, le=2**16 - 3)
-    _slot_clocks: int = PrivateAttr(default=0)
-    _slot_s: float = PrivateAttr(default=0.0)
+    _slot_s: Fraction = PrivateAttr(default=Fraction(0))
     _t_clk_s: Fraction = PrivateAttr(default=Fraction(0))
 
     @property
     def slot_clocks(self) -> int:
         """Clocks of one row slot, frame_s / rows * f_clk_hz."""
-        return self._slot_clocks
+        return round(self._slot_s / self._t_clk_s)
 
     @property
     def settle_clocks(self) -> int:
         """Clocks of a slot before the gate opens."""
-        return self._slot_clocks - self.gate_clocks
+        return self.slot_clocks - self.gate_clocks
 
     @property
     def slot_s(self) -> float:
         """Length of a row slot in seconds."""
-        return self._slot_s
+        return float(self._slot_s)
 
     @property
     def gate_s(self) -> float:
@@ -308,16 +309,14 @@ class Design(Strict):
 
     @model_validator(mode="after")
     def _derive(self) -> Design:
-        slot = exact(self.timing.frame_s) / self.array.rows
-        clocks = slot * exact(self.converter.f_clk_hz)
-        self.timing._slot_clocks, self.timing._slot_s = round(clocks), float(slot)
+        self.timing._slot_s = exact(self.timing.frame_s) / self.array.rows
         self.timing._t_clk_s = 1 / exact(self.converter.f_clk_hz)
         return self
 
     def _contradictions(self) -> Iterator[tuple[str, str]]:
         """Yield keys that contradict others, each with what it may hold."""
-        array, timing, sensor, converter = self.array, self.timing, self.sensor, self.converter
-        slot = exact(timing.frame_s) / array.rows * exact(converter.f_clk_hz)
+        timing, sensor, converter = self.timing, self.sensor, self.converter
+        slot = timing._slot_s / timing._t_clk_s
         clocks, full = timing.slot_clocks, timing.code_max
         # A clock such as 1/3 MHz has no exact double: whole to 1e-12 is whole.
         if clocks < 1 or abs(clocks - slot) > slot * _ROUNDING:
@@ -347,9 +346,9 @@ class Design(Strict):
         if converter.packet_v > self.swing_v * (1 + _ROUNDING):
             yield "converter.c_int_f", f"a packet of at most {self.swing_v!r} V on it"
         stored = self.stored()
-        for key, said, holds, other in _ORDER:
+        for key, words, holds, other in _ORDER:
             if not holds(stored[key], stored[other]):
-                yield key, f"{said} {other} = {stored[other]!r}"
+                yield key, f"{words} {other} = {stored[other]!r}"
 
     @property
     def swing_v(self) -> float:
@@ -380,20 +379,12 @@ class Design(Strict):
     def _r_unit(self) -> Fraction:
         return exact(self.interface.v_bias_v) / (self.interface.k * exact(self.converter.i0_a))
 
-    def replace(self, **sections: dict[str, Any]) -> Design:
-        """Return a checked copy with some values changed, e.g. ``replace(timing={"frame_s":
-        4e-3})``.
+    def replace(self, /, **sections: Any) -> Design:
+        """Return a copy with some values changed, as in ``replace(timing={"frame_s": 4e-3})``, checked like a file.
 
-        ``model_copy(update=...)`` would neither check nor derive anew.
+        ``model_copy(update=...)`` would neither check nor derive anew. Raises InputError.
         """
-        return self._with(sections)
-
-    def _with(self, sections: Mapping[str, Any]) -> Design:
-        data = self.model_dump()
-        for name, values in sections.items():
-            both = isinstance(values, Mapping) and isinstance(data.get(name), Mapping)
-            data[name] = {**data[name], **values} if both else values
-        return _validated(data, "design")
+        return _validated(schema.merged(self.model_dump(), sections), "design")
 
     def stored(self) -> dict[str, Any]:
         """Return the stored values as ``{"section.key": value}`` in the order of the file."""
@@ -435,8 +426,7 @@ _ORDER = (
 def _validated(data: dict[str, Any], file: str) -> Design:
     derived = dict.fromkeys(_DERIVED, "derived from other values, not to be written")
     design: Design = validate(Design, data, file, refused=derived)
-    for key, allowed in design._contradictions():
-        raise InputError(file, key, design.stored()[key], allowed)
+    refuse(design._contradictions(), design, file)
     return design
 
 
@@ -448,33 +438,16 @@ def shown(path: Path) -> str:
         return str(path)
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file strictly; a key given twice is an error of TOML itself.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read or is not TOML.
-    """
-    try:
-        return schema.read_toml(Path(path))
-    except InputError as error:
-        raise InputError(shown(path), error.key, error.value, error.allowed) from None
-
-
 def load(path: str | Path | None = None) -> Design:
     """Load and check a design file (models/design.toml when none is named).
 
-    Raises
-    ------
-    InputError
-        One line with file, key, value and what is allowed.
+    Raises InputError: one line with file, key, value and what is allowed.
     """
     return _load_default() if path is None else _load(Path(path))
 
 
 def _load(path: Path) -> Design:
-    return _validated(read_toml(path), shown(path))
+    return _validated(schema.read_toml(path, shown(path)), shown(path))
 
 
 @functools.cache
@@ -482,21 +455,9 @@ def _load_default() -> Design:
     return _load(DESIGN_FILE)
 
 
-def changed(tables: Mapping[str, Any]) -> Design:
-    """Return the default design with some values of its tables changed, checked like a file.
-
-    Raises
-    ------
-    InputError
-        One line with key, value and what is allowed.
-    """
-    return load()._with(tables)
-
-
 class Reason(NamedTuple):
     """Reason for a stored value."""
 
-    key: str
     mark: str
     text: str
 
@@ -506,17 +467,15 @@ def reasons(path: str | Path | None = None) -> dict[str, Reason]:
     found: dict[str, Reason] = {}
     section, comment = "", []
     for line in Path(path or DESIGN_FILE).read_text(encoding="utf-8").splitlines():
-        if head := re.fullmatch(r"\[(\w+)\]", line.strip()):
-            section, comment = head[1], []
-        elif line.startswith("#"):
+        if line.startswith("#"):
             comment.append(line.lstrip("# ").strip())
+            continue
+        if head := re.fullmatch(r"\[(\w+)\]", line.strip()):
+            section = head[1]
         elif item := re.match(r"(\w+)\s*=", line):
             mark = re.match(r"\[([PCS])\] (.+)", " ".join(comment))
-            name = f"{section}.{item[1]}"
-            found[name] = Reason(name, mark[1] if mark else "", mark[2] if mark else "")
-            comment = []
-        elif not line.strip():
-            comment = []
+            found[f"{section}.{item[1]}"] = Reason(*mark.groups()) if mark else Reason("", "")
+        comment = []
     return found
 
 
@@ -534,23 +493,19 @@ class Limit(Strict):
 def load_spec(path: str | Path) -> dict[str, Limit]:
     """Load a file of limits, one table ``["block.quantity_unit"]`` each.
 
-    Raises
-    ------
-    InputError
-        One line with file, key, value and what is allowed.
+    Raises InputError: one line with file, key, value and what is allowed.
     """
-    path = Path(path)
+    file = shown(Path(path))
     limits: dict[str, Limit] = {}
-    for name, entry in read_toml(path).items():
+    for name, entry in schema.read_toml(Path(path), file).items():
         if not re.fullmatch(r"[a-z0-9_]+(\.[a-z0-9_]+)+", name):
-            raise InputError(
-                shown(path), "name", repr(name), 'a quoted table name such as ["frame.code_error_lsb"]'
-            )
-        limit: Limit = validate(Limit, entry, shown(path), name)
+            allowed = 'a quoted table name such as ["frame.code_error_lsb"]'
+            raise InputError(file, "name", repr(name), allowed)
+        limit: Limit = validate(Limit, entry, file, name)
         if limit.min is None and limit.max is None:
-            raise InputError(shown(path), f"{name}.min, max", "nothing", "at least one of them")
+            raise InputError(file, f"{name}.min, max", "nothing", "at least one of them")
         if limit.min is not None and limit.max is not None and limit.min > limit.max:
-            raise InputError(shown(path), f"{name}.min", limit.min, f"at most max = {limit.max!r}")
+            raise InputError(file, f"{name}.min", limit.min, f"at most max = {limit.max!r}")
         limits[name] = limit
     return limits
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters extracted from the chip in transistors: their files, and the effects of a scene that
-they become.
+"""Parameters extracted from the chip in transistors: their files, and the effects of a scene that they become.
 
 models/extracted has one file for each condition, with a table for each channel and a line for each
 of its effects. These lines replace `[effects] extracted` while a scene is read, so engines treat
@@ -41,19 +40,12 @@ class _Source(Strict):
 
 @dataclass(frozen=True)
 class Measured:
-    """One value for a file: the effect and parameter it becomes, and where it comes from.
-
-    Attributes
-    ----------
-    effect, parameter : as in [effects] of a scene; the unit is the end of the parameter's name
-    value : in that unit
-    bench : description of the measurement
-    """
+    """One value for a file: the effect and parameter of [effects] that it becomes, and where it comes from."""
 
     effect: str
     parameter: str
-    value: float
-    bench: str
+    value: float  # in the unit at the end of the parameter's name
+    bench: str  # description of the measurement
 
 
 def path_of(corner: str, temperature_c: float) -> Path:
@@ -95,8 +87,8 @@ def stale(path: Path, circuit: Path = CIRCUIT) -> str:
     return f"{path.name}: {' and '.join(causes)}; write it anew with: {AGAIN}" if causes else ""
 
 
-def text_of(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> str:
-    """Return the text of a file: sources, then the effects of each channel."""
+def write(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> Path:
+    """Write the file of a condition, sources and then the effects of each channel; return its path."""
     lines = [
         "# SPDX-License-Identifier: Apache-2.0",
         f"# What was measured of the chip in transistors at {corner}, {temperature_c:g} C, as the effects of a scene.",
@@ -118,49 +110,29 @@ def text_of(corner: str, temperature_c: float, channels: Mapping[str, list[Measu
             # Eight digits are far beyond what the benches resolve.
             values = ", ".join(f"{m.parameter} = {float(format(m.value, '.8g'))!r}" for m in of)
             lines.append(f"{effect} = {{ {values} }}")
-    return "\n".join(lines) + "\n"
-
-
-def write(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> Path:
-    """Write the file of a condition; return its path."""
     path = path_of(corner, temperature_c)
-    write_atomic(path, text_of(corner, temperature_c, channels))
+    write_atomic(path, "\n".join(lines) + "\n")
     return path
 
 
 def channels_of(path: Path) -> dict[str, Any]:
     """Return the tables of a file by channel, each an [effects] table.
 
-    Raises
-    ------
-    InputError
-        The file holds an unknown channel or effect, or a wrong value.
+    Raises InputError if the file holds an unknown channel or effect, or a wrong value.
     """
     data = {name: table for name, table in read_toml(path).items() if name != "source"}
     known = {channel(t, k) for t in TOPOLOGIES for k in (20, 40, 80, 160)}
-    for name in data:
-        if name not in known:
-            raise InputError(path, name, "(a table)", f"one of {', '.join(sorted(known))}")
+    for name in sorted(data.keys() - known):
+        raise InputError(path, name, "(a table)", f"one of {', '.join(sorted(known))}")
     return {name: validate(EffectsTable, table, path, name) for name, table in data.items()}
 
 
 def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
-    """Return an [effects] table in which `extracted` is replaced by its effects.
+    """Return an [effects] table in which `extracted` is replaced by its effects, for a resolved [interface].
 
     An effect that the scene names as well is refused: it is unclear whether its value should add to
     the measured one, multiply it or replace it. The scene must write the number it means.
-
-    Parameters
-    ----------
-    table : the [effects] table of a scene, `extracted` given
-    interface : its resolved [interface]
-    design : source of the chip's reference current and capacitor
-    file : the scene, named in errors
-
-    Raises
-    ------
-    InputError
-        There is no such file or channel; the scene changes a value of the circuit; or an effect is given twice.
+    Raises InputError as well without such a file or channel, or if the scene changes a value of the circuit.
     """
     wanted = table.extracted
     key = "effects.extracted"
@@ -176,11 +148,9 @@ def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
     name = channel(interface.topology, interface.k)
     if name not in channels:
         raise InputError(file, key, name, f"a channel that was extracted there: {', '.join(channels)}")
-    found = {e: getattr(channels[name], e) for e in EFFECTS}
-    measured = {e: value for e, value in found.items() if value is not None}
+    measured = {e: value for e in EFFECTS if (value := getattr(channels[name], e)) is not None}
     for effect in measured:
-        given = getattr(table, effect)
-        if given is not None and given is not False:
+        if getattr(table, effect) not in (None, False):
             raise InputError(file, f"effects.{effect}", "given", f"false or nothing: {key} has this effect")
     left = {e: value for e, value in measured.items() if getattr(table, e) is not False}
     return table.model_copy(update={"extracted": None, **left})

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from dermis.errors import InputError, quoted
-from dermis.scene.schema import Strict, entry
+from dermis.scene.schema import Strict, allowed_of, entry, refuse
 
 Floats = NDArray[np.float64]
 
@@ -88,34 +88,17 @@ class FrontEndTable(Strict):
 
 @dataclass(frozen=True, eq=False)
 class FrontEnd:
-    """A board as a decoder needs it: rising counts are step_a (count - start_count) in ampere.
+    """A board as a decoder needs it: rising counts are step_a (count - start_count) in ampere."""
 
-    Attributes
-    ----------
-    full_scale : int
-        Largest count.
-    falling : bool
-        The ADC counts down with force: `full_scale` less its count rises.
-    divider : bool
-    step_a, start_count, full_count : ndarray
-        [cols] ampere a count, count of no current, count from which on a taxel is saturated.
-    zero_count : int
-        Largest count that no current may have.
-    g_max_s : float
-        Conductance of r_min_ohm.
-    network : dict
-        Fields of array.Network that the board sets.
-    """
-
-    full_scale: int
-    falling: bool
+    full_scale: int  # largest count
+    falling: bool  # the ADC counts down with force: `full_scale` less its count rises
     divider: bool
-    step_a: Floats
-    start_count: Floats
-    full_count: Floats
-    zero_count: int
-    g_max_s: float
-    network: dict[str, Any]
+    step_a: Floats  # [cols] ampere a count
+    start_count: Floats  # [cols] of no current
+    full_count: Floats  # [cols] from which on a taxel is saturated
+    zero_count: int  # largest that no current may have
+    g_max_s: float  # conductance of r_min_ohm
+    network: dict[str, Any]  # fields of array.Network that the board sets
 
     @classmethod
     def of_table(cls, table: FrontEndTable, cols: int) -> FrontEnd:
@@ -147,35 +130,32 @@ _OWN = {"divider": ("side",), "transimpedance": ("zero_count", "counts")}
 
 def resolve(table: FrontEndTable, cols: int, file: Path | str) -> FrontEndTable:
     """Fill in the defaults; refuse keys of the other circuit and boards that cannot be inverted."""
+    least_ohm = float(np.min(table.resistor_ohm, initial=np.inf)) / LEAST_R
+    defaults = {"reference_v": table.supply_v, "r_min_ohm": least_ohm}
+    missing = {key: value for key, value in defaults.items() if getattr(table, key) is None}
+    table = table.model_copy(update=missing)
+    refuse(_wrong(table, cols), table, file, "front_end.")
+    return table
+
+
+def _wrong(table: FrontEndTable, cols: int) -> Iterator[tuple[str, str]]:
+    """Yield keys with impossible values, the missing ones first, and what is allowed."""
     for circuit, names in _OWN.items():
         for name in names:
-            key, value = f"front_end.{name}", getattr(table, name)
-            if circuit == table.circuit and value is None:
-                allowed = FrontEndTable.model_fields[name].json_schema_extra["allowed"]  # type: ignore[index,call-overload]
-                raise InputError(file, key, "nothing", str(allowed))
-            if circuit != table.circuit and value is not None:
-                raise InputError(file, key, value, f'left out with circuit "{table.circuit}"')
+            missing = getattr(table, name) is None
+            if circuit == table.circuit and missing:
+                yield name, allowed_of(FrontEndTable.model_fields[name])
+            if circuit != table.circuit and not missing:
+                yield name, f'left out with circuit "{table.circuit}"'
     if table.idle_columns == "open":
-        allowed = '"loaded"; with one resistor for all columns the open ones float, and no decoder here inverts that'
-        raise InputError(file, "front_end.idle_columns", quoted("open"), allowed)
-    ohm = np.atleast_1d(np.asarray(table.resistor_ohm, dtype=float))
-    if ohm.size not in (1, cols):
-        allowed = f"a number > 0, or a list of {cols}, one a column"
-        raise InputError(file, "front_end.resistor_ohm", table.resistor_ohm, allowed)
-    reference_v = table.supply_v if table.reference_v is None else table.reference_v
-    if table.side == "supply" and reference_v != table.supply_v:
-        allowed = f"{table.supply_v:g}, as supply_v: a divider to the supply is measured from there"
-        raise InputError(file, "front_end.reference_v", reference_v, allowed)
-    if table.zero_count is not None and table.zero_count >= table.full_scale and table.counts == "rise":
-        raise InputError(
-            file, "front_end.zero_count", table.zero_count, f"below full_scale, {table.full_scale}"
-        )
-    if (
-        table.zero_count is not None
-        and not (0 < table.zero_count <= table.full_scale)
-        and table.counts == "fall"
-    ):
-        allowed = f"above 0, at most full_scale, {table.full_scale}, as counts fall from there"
-        raise InputError(file, "front_end.zero_count", table.zero_count, allowed)
-    r_min_ohm = float(ohm.min()) / LEAST_R if table.r_min_ohm is None else table.r_min_ohm
-    return table.model_copy(update={"reference_v": reference_v, "r_min_ohm": r_min_ohm})
+        said = '"loaded"; with one resistor for all columns the open ones float, and no decoder here inverts that'
+        yield "idle_columns", said
+    if np.size(table.resistor_ohm) not in (1, cols):
+        yield "resistor_ohm", f"a number > 0, or a list of {cols}, one a column"
+    if table.side == "supply" and table.reference_v != table.supply_v:
+        said = f"{table.supply_v:g}, as supply_v: a divider to the supply is measured from there"
+        yield "reference_v", said
+    if table.counts == "rise" and table.zero_count >= table.full_scale:
+        yield "zero_count", f"below full_scale, {table.full_scale}"
+    if table.counts == "fall" and not 0 < table.zero_count <= table.full_scale:
+        yield "zero_count", f"above 0, at most full_scale, {table.full_scale}, as counts fall from there"

@@ -16,29 +16,14 @@ from pydantic import BaseModel, Field
 from dermis.effects import EFFECTS, AutoTable, EffectsTable, Setting, check_together, resolve_effects
 from dermis.errors import InputError
 from dermis.places import ROOT
-from dermis.scene import extracted
-from dermis.scene.design import Design
-from dermis.scene.design import load as load_design
-from dermis.scene.front_end import EFFECT_FIELDS, FrontEndTable
-from dermis.scene.front_end import resolve as resolve_front_end
-from dermis.scene.schema import (
-    Strict,
-    allowed_of,
-    empty,
-    entry,
-    merged,
-    models_of,
-    plain,
-    read_toml,
-    validate,
-    write_toml,
-)
+from dermis.scene import design as designs
+from dermis.scene import extracted, front_end, schema, sensor, stimulus, views
+from dermis.scene.design import Design, Topology
+from dermis.scene.front_end import FrontEndTable
+from dermis.scene.schema import Strict, entry, read_toml
 from dermis.scene.sensor import SensorTable
-from dermis.scene.sensor import resolve as resolve_sensor
 from dermis.scene.stimulus import StimulusTable
-from dermis.scene.stimulus import resolve as resolve_stimulus
-from dermis.scene.views import View, ViewsTable
-from dermis.scene.views import resolve as resolve_views
+from dermis.scene.views import View, Views
 
 SCENES = ROOT / "models" / "scenes"
 """The scenes that come with the package."""
@@ -58,9 +43,7 @@ class ArrayTable(Strict):
 class InterfaceTable(Strict):
     """[interface]: the circuit between a column and its converter."""
 
-    topology: (
-        Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"] | None
-    ) = entry(
+    topology: Topology | None = entry(
         None,
         "direct: Fig. 3; conveyor_mirror: Fig. 5a; conveyor_mirror_inverted: Fig. 5b; "
         "multi_output_conveyor: Fig. 6",
@@ -99,7 +82,7 @@ class RunTable(Strict):
         default_from="the cheapest that can do the scene",
     )
     seed: int = entry(0, "Random seed", "a whole number 0..2^32 - 1", ge=0, le=2**32 - 1)
-    views: View | ViewsTable = entry(
+    views: View | Views = entry(
         "behavioural",
         "View of the SPICE blocks in cosim: models, or transistors (docs/views.md)",
         'a table, or one of "behavioural", "sky130"',
@@ -127,25 +110,12 @@ class SceneTable(Strict):
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene with every default filled in.
+    """A scene with every default filled in."""
 
-    Attributes
-    ----------
-    path : Path
-        Its file; file names in it are relative to this.
-    table : SceneTable
-        The resolved tables. `table.effects` is as written, except that its effects replace `extracted`;
-        `effects` holds the effects that are on, with every parameter.
-    effects : dict
-        Effect name -> parameters.
-    design : Design
-        Source of the defaults.
-    """
-
-    path: Path
-    table: SceneTable
-    effects: dict[str, Strict]
-    design: Design
+    path: Path  # its file; file names in it are relative to this
+    table: SceneTable  # resolved; its `effects` are as written, except that their effects replace `extracted`
+    effects: dict[str, Strict]  # name -> parameters, all of them, of the effects that are on
+    design: Design  # source of the defaults
 
     @property
     def title(self) -> str:
@@ -155,10 +125,7 @@ class Scene:
     def to_toml(self, directory: Path | None = None) -> str:
         """Return the scene as TOML with every default; it loads to an identical plan.
 
-        Parameters
-        ----------
-        directory : Path, optional
-            Directory in which the text will be saved: file names become relative to it, else absolute.
+        File names become relative to the directory in which the text will be saved, else absolute.
         """
         data = self.table.model_dump()
         data["effects"] = {name: parameters.model_dump() for name, parameters in self.effects.items()}
@@ -168,48 +135,36 @@ class Scene:
         data["stimulus"] = {"kind": data["stimulus"].pop("kind")} | data["stimulus"]
         if "file" in data["stimulus"]:
             file = (self.path.parent / data["stimulus"]["file"]).resolve()
-            data["stimulus"]["file"] = (
-                str(file) if directory is None else os.path.relpath(file, directory.resolve())
-            )
-        return write_toml(data)
+            name = file if directory is None else os.path.relpath(file, directory.resolve())
+            data["stimulus"]["file"] = str(name)
+        return schema.write_toml(data)
 
 
 def find(name: str) -> Path:
-    """Return the path of a scene, given by path or by name.
-
-    Raises
-    ------
-    InputError
-        No scene has this name.
-    """
-    path = Path(name)
-    try:
-        there = path.exists()
-    except (OSError, ValueError):  # too long, or with a NUL: no file has such a name
-        there = False
-    if path.suffix == ".toml" or there or "/" in name:
-        return path
-    known = sorted(p.stem for p in SCENES.glob("*.toml"))
-    if name not in known:
-        raise InputError(
-            "command line", "SCENE", name, f"a path to a .toml file, or one of {', '.join(known)}"
-        )
+    """Return the path of a scene, given by path or by name; raise InputError if no scene has this name."""
+    if name.endswith(".toml") or os.path.exists(name) or "/" in name:
+        return Path(name)
+    if name not in (known := names()):
+        allowed = f"a path to a .toml file, or one of {', '.join(known)}"
+        raise InputError("command line", "SCENE", name, allowed)
     return SCENES / f"{name}.toml"
+
+
+def names() -> list[str]:
+    """Return the names of the scenes that come with the package."""
+    return sorted(path.stem for path in SCENES.glob("*.toml"))
 
 
 def tables_of(scene: Any, caller: str, allowed: str) -> tuple[Path, dict[str, Any]]:
     """Return the tables of a scene by path, name or dict, and the path that errors name; nothing is an empty scene.
 
-    Raises
-    ------
-    InputError
-        It is something else, or cannot be read; `caller` and `allowed` are what the line says.
+    Raises InputError if it is something else, with `caller` and `allowed` in the line, or cannot be read.
     """
     if isinstance(scene, str | os.PathLike):
         path = find(os.fspath(scene))
         return path, read_toml(path)
     if scene is None or isinstance(scene, Mapping):
-        return Path(caller), plain(scene or {})
+        return Path(caller), schema.plain(scene or {})
     raise InputError(caller, "scene", f"a {type(scene).__name__}", allowed)
 
 
@@ -221,28 +176,22 @@ def changed(
     effects: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
     """Return tables with a caller's changes; InputError for a key that holds None."""
-    for table in (plain(tables or {}), {"run": run}, {"effects": plain(effects or {})}):
-        data = merged(data, table)
-    if none := empty(data):
+    for table in (schema.plain(tables or {}), {"run": run}, {"effects": schema.plain(effects or {})}):
+        data = schema.merged(data, table)
+    if none := schema.empty(data):
         raise InputError(path, none, "None", "a value; leave the key out for its default")
     return data
 
 
 def load(path: str | Path, design: Design | None = None) -> Scene:
-    """Read a scene and fill in its defaults.
-
-    Raises
-    ------
-    InputError
-        The file or a value is wrong; one line "FILE: KEY = VALUE: what is allowed".
-    """
+    """Read a scene and fill in its defaults, or raise InputError: one line "FILE: KEY = VALUE: what is allowed"."""
     path = Path(path)
     return from_data(read_toml(path), path, design)
 
 
 def from_data(data: dict[str, Any], path: Path, design: Design | None = None) -> Scene:
     """Make a scene from TOML data; `path` is named in errors, and file names are relative to it."""
-    return resolve(validate(SceneTable, data, path, refused=_REMOVED), path, design)
+    return resolve(schema.validate(SceneTable, data, path, refused=_REMOVED), path, design)
 
 
 def with_effects(world: Scene, table: Any, engine: str | None) -> Scene:
@@ -261,60 +210,60 @@ def with_views(world: Scene, views: str) -> Scene:
     return resolve(world.table.model_copy(update={"run": run}), world.path, world.design)
 
 
-def _check_k_column(
-    table: SceneTable, interface: InterfaceTable, cols: int, design: Design, path: Path
-) -> None:
-    """Refuse ranges of columns that the chip does not have."""
-    k_column = interface.k_column
-    if k_column is None:
-        return
-    key = "interface.k_column"
-    if interface.topology == "direct":
-        raise InputError(path, key, "on with topology direct", "interface.k: no mirror divides the current")
-    if table.effects.extracted is not None:
-        raise InputError(
-            path, key, "on together with effects.extracted", "one of them: extracted effects are of one k"
-        )
-    if len(k_column) != cols:
-        raise InputError(path, key, f"a list of {len(k_column)}", f"a list of {cols}, one a column")
-    if wrong := [k for k in k_column if k not in design.interface.k_options]:
-        raise InputError(path, key, wrong[0], "one of " + ", ".join(map(str, design.interface.k_options)))
+def _wrong(
+    interface: InterfaceTable, cols: int, is_extracted: bool, design: Design
+) -> Iterator[tuple[str, str]]:
+    """Yield keys of a resolved [interface] that the chip does not have, and what is allowed."""
+    options, k_column = design.interface.k_options, interface.k_column
+    listed = "one of " + ", ".join(map(str, options))
+    if interface.k not in options:
+        yield "k", listed
+    if k_column is not None:
+        if interface.topology == "direct":
+            yield "k_column", "left out with topology direct, as no mirror divides the current: interface.k"
+        if is_extracted:
+            yield "k_column", "left out with effects.extracted, whose effects are of one k"
+        if len(k_column) != cols:
+            yield "k_column", f"a list of {cols}, one a column"
+        if not set(k_column) <= set(options):
+            yield "k_column", f"each {listed}"
+    charge_c = interface.i0_a / design.converter.f_clk_hz
+    if charge_c / interface.c_int_f > design.swing_v:
+        least_f = charge_c / design.swing_v
+        yield "c_int_f", f"at least {least_f:.3g} F, so that a packet stays within {design.swing_v:g} V"
 
 
 def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scene:
     """Fill in the defaults of the design, and check keys against each other."""
-    design = design or load_design()
-    array, interface = _filled(table.array, design), _filled(table.interface, design)
-    sensor = resolve_sensor(table.sensor, design.sensor, path)
-    if interface.k not in design.interface.k_options:
-        options = ", ".join(str(k) for k in design.interface.k_options)
-        raise InputError(path, "interface.k", interface.k, f"one of {options}")
-    _check_k_column(table, interface, array.cols, design, path)
-    packet_v = interface.i0_a / design.converter.f_clk_hz / interface.c_int_f
-    if packet_v > design.swing_v:
-        lowest_f = interface.i0_a / design.converter.f_clk_hz / design.swing_v
-        allowed = f"at least {lowest_f:.3g} F, so that a packet stays within {design.swing_v:g} V"
-        raise InputError(path, "interface.c_int_f", interface.c_int_f, allowed)
-    front_end = table.front_end
-    if front_end is not None:
-        if given := table.interface.model_fields_set:
-            allowed = "left out with [front_end], which reads the sheet instead of the chip"
-            raise InputError(path, f"interface.{min(given)}", getattr(table.interface, min(given)), allowed)
-        front_end = resolve_front_end(front_end, array.cols, path)
-        interface = interface.model_copy(update={"v_bias_v": front_end.supply_v})
-    run = table.run.model_copy(update={"views": resolve_views(table.run.views, array.cols, path)})
-    t_frame_s = array.rows * (design.timing.slot_clocks / design.converter.f_clk_hz)
-    stimulus = resolve_stimulus(table.stimulus, array.rows, array.cols, t_frame_s)
-    named = table.effects
+    design = design or designs.load()
+    array, interface, named = _filled(table.array, design), _filled(table.interface, design), table.effects
+    board, cols = table.front_end, array.cols
+    wrong = _wrong(interface, cols, named.extracted is not None, design)
+    schema.refuse(wrong, interface, path, "interface.")
+    if board is not None:
+        said = "left out with [front_end], which reads the sheet instead of the chip"
+        given = ((key, said) for key in sorted(table.interface.model_fields_set))
+        schema.refuse(given, table.interface, path, "interface.")
+        board = front_end.resolve(board, cols, path)
+        interface = interface.model_copy(update={"v_bias_v": board.supply_v})
     if named.extracted is not None:
         named = extracted.expanded(named, interface, design, path)
-    parts = {"array": array, "sensor": sensor, "interface": interface, "stimulus": stimulus, "run": run}
-    resolved = table.model_copy(update=parts | {"effects": named, "front_end": front_end})
+    t_frame_s = array.rows * (design.timing.slot_clocks / design.converter.f_clk_hz)
+    parts = {
+        "array": array,
+        "sensor": sensor.resolve(table.sensor, design.sensor, path),
+        "interface": interface,
+        "stimulus": stimulus.resolve(table.stimulus, array.rows, cols, t_frame_s),
+        "run": table.run.model_copy(update={"views": views.resolve(table.run.views, cols, path)}),
+        "effects": named,
+        "front_end": board,
+    }
+    resolved = table.model_copy(update=parts)
     on = resolve_effects(named, Setting.of(resolved, design, _no_rng), path)
+    packet_v = interface.i0_a / design.converter.f_clk_hz / interface.c_int_f
     check_together(on, interface.topology, packet_v, path)
-    if front_end is not None and (
-        chip := [n for n in on if _of_chip(n)] + ["auto"] * (named.auto is not None)
-    ):
+    chip = [name for name in on if _of_chip(name)] + ["auto"] * (named.auto is not None)
+    if board is not None and chip:
         allowed = "off with [front_end]: its keys say what the board does; lateral, trace and sensor_* are the sheet's"
         raise InputError(path, f"effects.{chip[0]}", "on", allowed)
     return Scene(path, resolved, on, design)
@@ -323,7 +272,7 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
 def _of_chip(name: str) -> bool:
     """Return True if an effect sets a field that a board does not have."""
     effect = EFFECTS[name]
-    return bool(effect.converter or effect.drive or set(effect.network) - EFFECT_FIELDS)
+    return bool(effect.converter or effect.drive or set(effect.network) - front_end.EFFECT_FIELDS)
 
 
 def _no_rng(name: str) -> Any:
@@ -340,15 +289,9 @@ def _filled(table: Any, design: Design) -> Any:
     return table.model_copy(update=found)
 
 
-def schema_rows() -> Iterator[tuple[str, str, str, str]]:
-    """Yield (key, default, allowed values, meaning) of every key of a scene."""
-    yield from _rows("", SceneTable)
-
-
 def schema_table() -> str:
     """Return the keys of a scene as Markdown tables, one for each section, for docs/scenes.md."""
-    lines: list[str] = []
-    section = None
+    lines, section = [], None
     for key, default, allowed, meaning in schema_rows():
         head, _, name = key.rpartition(".")
         if head != section:
@@ -372,26 +315,24 @@ def scenes_table(directory: Path = SCENES) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, str]]:
-    inner: list[tuple[str, type[BaseModel]]] = []
+def schema_rows(prefix: str = "", model: type[BaseModel] = SceneTable) -> Iterator[tuple[str, str, str, str]]:
+    """Yield (key, default, allowed values, meaning) of every key of a scene, or of one of its tables."""
+    inner: dict[str, type[BaseModel]] = {}
     # Keys of the table itself come before keys of its base classes.
     own = [n for c in model.__mro__ if issubclass(c, BaseModel) for n in c.__annotations__]
     for name in sorted(model.model_fields, key=own.index):
         field = model.model_fields[name]
         # Tables of a list are documented where they are alternatives of another key.
-        members = [] if typing.get_origin(field.annotation) is list else models_of(field.annotation)
-        extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
-        if members and not _other_than_tables(field.annotation):
-            tagged = len(members) > 1
-            for member in members:
-                tag = typing.get_args(member.model_fields["kind"].annotation)[0] if tagged else ""
-                inner.append((f"{prefix}{name}" + (f" kind = {tag}" if tagged else ""), member))
-            continue
-        if members:
-            inner.append((f"{prefix}{name}", members[0]))
-        yield prefix + name, _default(field, extra), allowed_of(field), field.description or ""
-    for name, member in inner:
-        yield from _rows(name + ".", member)
+        members = [] if typing.get_origin(field.annotation) is list else schema.models_of(field.annotation)
+        for member in members:
+            tag = ""
+            if len(members) > 1:
+                tag = f" kind = {typing.get_args(member.model_fields['kind'].annotation)[0]}"
+            inner[prefix + name + tag] = member
+        if not members or _other_than_tables(field.annotation):
+            yield prefix + name, _default(field), schema.allowed_of(field), field.description or ""
+    for name, member in inner.items():
+        yield from schema_rows(name + ".", member)
 
 
 def _other_than_tables(annotation: Any) -> bool:
@@ -400,11 +341,11 @@ def _other_than_tables(annotation: Any) -> bool:
     return bool in parts or any(typing.get_origin(part) is Literal for part in parts)
 
 
-def _default(field: Any, extra: dict[str, Any]) -> str:
+def _default(field: Any) -> str:
     if field.is_required():
         return "must be given"
-    if extra.get("default_from"):
-        return str(extra["default_from"])
+    if source := field.json_schema_extra["default_from"]:
+        return str(source)
     if field.default is None:
         return "off" if bool in typing.get_args(field.annotation) else "left out"
     return f'"{field.default}"' if isinstance(field.default, str) else str(field.default)

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import json
 import math
+import operator
 import os
 import re
 import stat
 import tomllib
 import types
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -38,21 +39,13 @@ class Strict(BaseModel):
     @field_validator("*", mode="after")
     @classmethod
     def _of_a_size(cls, value: Any) -> Any:
-        if not all(_sized(v) for v in (value if isinstance(value, list) else (value,))):
-            raise ValueError(_SIZES)
-        return [_unsigned(v) for v in value] if isinstance(value, list) else _unsigned(value)
-
-
-def _unsigned(value: Any) -> Any:
-    """Return 0.0 for -0.0: a resistance of -0.0 would be a conductance of -inf."""
-    return value + 0.0 if isinstance(value, float) else value
-
-
-def _sized(value: Any) -> bool:
-    """Return True for 0, a number of sensible size, infinity, NaN or no number."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or value == 0:
-        return True
-    return (isinstance(value, float) and not math.isfinite(value)) or SIZE_MIN <= abs(value) <= SIZE_MAX
+        values = value if isinstance(value, list) else [value]
+        for v in values:
+            if type(v) in (int, float) and v not in (0, math.inf) and not SIZE_MIN <= abs(v) <= SIZE_MAX:
+                raise ValueError(_SIZES)
+        # 0.0 for -0.0: a resistance of -0.0 would be a conductance of -inf.
+        values = [v + 0.0 if isinstance(v, float) else v for v in values]
+        return values if isinstance(value, list) else values[0]
 
 
 def entry(default: Any, meaning: str, allowed: str = "", *, default_from: str = "", **limits: Any) -> Any:
@@ -60,16 +53,11 @@ def entry(default: Any, meaning: str, allowed: str = "", *, default_from: str = 
 
     Parameters
     ----------
-    default : object
-        `...` for a required key; None with `default_from` for a value of design.toml.
-    meaning : str
-        One line for the table in docs/scenes.md.
-    allowed : str
-        Allowed values, for that table and for errors, where type and limits alone do not say it.
-    default_from : str
-        Source of a default that is not a constant, such as "interface.k".
-    limits
-        ge, gt, le, lt, min_length ... of pydantic.
+    default : `...` for a required key; None with `default_from` for a value of design.toml
+    meaning : one line for the table in docs/scenes.md
+    allowed : allowed values, for that table and for errors, where type and limits alone do not say it
+    default_from : source of a default that is not a constant, such as "interface.k"
+    limits : ge, gt, le, lt, min_length ... of pydantic
     """
     extra = {"allowed": allowed, "default_from": default_from}
     return Field(default, description=meaning, json_schema_extra=extra, **limits)
@@ -115,23 +103,17 @@ def _number_in_words(kind: type, metadata: Sequence[Any]) -> str:
     return head + tail + " (inf is legal)" * infinite
 
 
-def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any] | None = None) -> bytes:
-    """Read a regular file of at most `limit` bytes, or raise InputError.
-
-    `told_by` is the (file, key, value) of the entry that named it, for errors; without it they name
-    the file.
-    """
-    file, key, value = told_by or (path, "file", path.name)
-    value = quoted(value)
+def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any]) -> bytes:
+    """Read a regular file of at most `limit` bytes, or raise InputError; `told_by` is the (file, key, value) in it."""
+    file, key, value = *told_by[:2], quoted(told_by[2])
     try:
         status = os.stat(path)
         if not stat.S_ISREG(status.st_mode):
             # Reading a pipe or a device could block.
             raise InputError(file, key, value, "a regular file")
         if status.st_size > limit:
-            raise InputError(
-                file, key, value, f"a file of at most {limit} bytes (this one has {status.st_size})"
-            )
+            allowed = f"a file of at most {limit} bytes (this one has {status.st_size})"
+            raise InputError(file, key, value, allowed)
         if not status.st_size:  # or of unknown size: reading /proc/kmsg, a regular file, never ends
             return b""
         with open(path, "rb") as stream:
@@ -142,9 +124,8 @@ def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any] | No
     except ValueError as error:  # a NUL in the name
         raise InputError(file, key, value, f"a file name ({error})") from None
     if len(data) > status.st_size:
-        raise InputError(
-            file, key, value, f"a file that keeps its size of {status.st_size} bytes while it is read"
-        )
+        allowed = f"a file that keeps its size of {status.st_size} bytes while it is read"
+        raise InputError(file, key, value, allowed)
     return data
 
 
@@ -155,24 +136,25 @@ _LONG_KEY = re.compile(
 )
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file strictly (duplicate keys are errors in TOML), or raise InputError."""
-    data = read_bytes(path, SCENE_BYTES_MAX)
+def read_toml(path: Path, name: Path | str | None = None) -> dict[str, Any]:
+    """Read a TOML file strictly (duplicate keys are errors in TOML), or raise InputError, which calls it `name`."""
+    file = path if name is None else name
+    data = read_bytes(path, SCENE_BYTES_MAX, (file, "file", path.name))
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(path, f"byte {error.start}", data[error.start], "text in UTF-8") from None
+        raise InputError(file, f"byte {error.start}", data[error.start], "text in UTF-8") from None
     if found := _LONG_KEY.search(text):
         line = text.count("\n", 0, found.start()) + 1
-        raise InputError(path, f"line {line}", quoted(found[0]), f"keys of fewer than {KEY_PARTS_MAX} parts")
+        raise InputError(file, f"line {line}", quoted(found[0]), f"keys of fewer than {KEY_PARTS_MAX} parts")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(path, "TOML", _line_of(error, text), f"valid TOML ({error})") from None
+        raise InputError(file, "TOML", _line_of(error, text), f"valid TOML ({error})") from None
     except RecursionError:
-        raise InputError(path, "TOML", "nested too deeply", "valid TOML of a few levels") from None
+        raise InputError(file, "TOML", "nested too deeply", "valid TOML of a few levels") from None
     except (ValueError, OverflowError) as error:  # impossible dates, integers of thousands of digits
-        raise InputError(path, "TOML", "a value out of range", f"valid TOML ({error})") from None
+        raise InputError(file, "TOML", "a value out of range", f"valid TOML ({error})") from None
 
 
 def _line_of(error: tomllib.TOMLDecodeError, text: str) -> str:
@@ -192,18 +174,10 @@ def validate(
     prefix: str = "",
     refused: Mapping[str, str] | None = None,
 ) -> Any:
-    """Build a model from data of a file.
+    """Build a model from data of a file; raise InputError for the first error.
 
-    Parameters
-    ----------
-    model, data : the model and its data
-    file, prefix : the file that errors name, and the table in it that holds `data`
-    refused : unknown keys -> what to do instead, for their errors
-
-    Raises
-    ------
-    InputError
-        The first error, with its key, value and what is allowed.
+    Errors name the file and, as `prefix`, the table in it that holds `data`; for unknown keys in `refused` they say
+    what to do instead.
     """
     try:
         return model.model_validate(data)
@@ -226,6 +200,13 @@ def validate(
     if first["type"] == "extra_forbidden":
         allowed = (refused or {}).get(key, allowed)
     raise InputError(file, key, value, allowed)
+
+
+def refuse(wrong: Iterable[tuple[str, str]], table: Any, file: Path | str, prefix: str = "") -> None:
+    """Raise InputError for the first pair of a key, dotted in nested tables, and what is allowed; none is right."""
+    for key, allowed in wrong:
+        value = operator.attrgetter(key)(table)
+        raise InputError(file, prefix + key, "nothing" if value is None else quoted(value), allowed)
 
 
 def _too_large(data: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], int]]:
@@ -302,18 +283,18 @@ def _alternative(annotation: Any, tag: Any) -> Any:
 
 
 def write_toml(tables: dict[str, Any]) -> str:
-    """Write plain data (numbers, booleans, text, lists, tables) as TOML that loads to the same
-    data.
+    """Write plain data (numbers, booleans, text, lists, tables) as TOML that loads to the same data.
 
     Keys are bare names of the schema; None is left out. Tables within tables are written inline.
     """
-    lines = [
-        f"{k} = {_toml_value(v)}" for k, v in tables.items() if v is not None and not isinstance(v, dict)
-    ]
+
+    def pairs(table: dict[str, Any]) -> list[str]:
+        return [f"{k} = {_toml_value(v)}" for k, v in table.items() if v is not None]
+
+    lines = pairs({name: value for name, value in tables.items() if not isinstance(value, dict)})
     for name, table in tables.items():
         if isinstance(table, dict):
-            lines += ["", f"[{name}]"]
-            lines += [f"{k} = {_toml_value(v)}" for k, v in table.items() if v is not None]
+            lines += ["", f"[{name}]", *pairs(table)]
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
@@ -333,24 +314,19 @@ def _toml_value(value: Any) -> str:
 
 
 def merged(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return tables with the keys of `changes`; a stimulus of another kind, and an effect, are
-    replaced whole.
-    """
+    """Return tables with the keys of `changes`; an effect, and a stimulus of another kind, is replaced whole."""
     made = dict(data)
     for name, value in changes.items():
         before = made.get(name)
-        both = isinstance(before, dict) and isinstance(value, dict)
-        other_kind = (
-            name == "stimulus" and both and value.get("kind", before.get("kind")) != before.get("kind")
-        )
-        made[name] = before | value if both and not other_kind else value
-    return {name: value for name, value in made.items() if value != {} or name in data}
+        add = isinstance(before, dict) and isinstance(value, dict)
+        if name == "stimulus" and add:
+            add = value.get("kind", before.get("kind")) == before.get("kind")
+        made[name] = before | value if add else value
+    return made
 
 
 def plain(value: Any) -> Any:
-    """Convert to TOML types: numpy numbers, arrays, tuples and paths become numbers, lists and
-    text.
-    """
+    """Convert to TOML types: numpy numbers, arrays, tuples and paths become numbers, lists and text."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

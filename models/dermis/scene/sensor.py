@@ -3,18 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from dermis.errors import InputError
 from dermis.scene import design as designs
-from dermis.scene.schema import Strict, entry
+from dermis.scene.schema import Strict, entry, refuse
 
 Floats = NDArray[np.float64]
 
@@ -73,15 +72,9 @@ _KEYS = {
 
 @dataclass(frozen=True)
 class InverseSensor:
-    """Force = K/R.
+    """Force = K/R."""
 
-    Parameters
-    ----------
-    k_force_n_ohm : float
-        K in N.ohm.
-    """
-
-    k_force_n_ohm: float
+    k_force_n_ohm: float  # K
 
     def resistance_ohm(self, force_n: ArrayLike) -> Floats:
         """R = K/F of a force in newtons, any shape; F = 0 gives inf and F = inf gives 0."""
@@ -91,9 +84,7 @@ class InverseSensor:
 
     def force_n(self, resistance_ohm: ArrayLike) -> Floats:
         """F = K/R of a resistance in ohm, any shape; R = inf gives 0 and R = 0 gives inf."""
-        # + 0.0 turns -0.0 into 0.0, whose inverse is +inf.
-        with np.errstate(divide="ignore", over="ignore"):
-            return np.divide(self.k_force_n_ohm, np.asarray(resistance_ohm, dtype=float) + 0.0)
+        return self.resistance_ohm(resistance_ohm)
 
 
 @dataclass(frozen=True)
@@ -103,21 +94,12 @@ class PowerSensor:
     The two methods undo each other for every force that turns the taxel on. No force makes a
     resistance between the curve at turn-on and r_open_ohm; such a one means the force of turn-on,
     so that decoding stays monotone.
-
-    Parameters
-    ----------
-    force_points_n, r_points_ohm : tuple of float
-        The points, forces rising and resistances falling.
-    force_on_n : float
-        Smaller forces leave the taxel open.
-    r_open_ohm : float
-        Resistance of an open taxel, and the highest there is; inf is legal.
     """
 
-    force_points_n: tuple[float, ...]
-    r_points_ohm: tuple[float, ...]
-    force_on_n: float
-    r_open_ohm: float
+    force_points_n: tuple[float, ...]  # rising
+    r_points_ohm: tuple[float, ...]  # falling
+    force_on_n: float  # smaller forces leave the taxel open
+    r_open_ohm: float  # of an open taxel, and the highest there is; inf is legal
 
     def exponents(self) -> Floats:
         """Exponent n of R ~ F^-n after each point; the last equals the one before."""
@@ -139,10 +121,9 @@ class PowerSensor:
         ohm = np.asarray(resistance_ohm, dtype=float)
         points = np.array(self.r_points_ohm)
         at = np.maximum(np.searchsorted(-points, -ohm, side="right") - 1, 0)
+        power = -1.0 / self.exponents()[at]
         with np.errstate(divide="ignore", over="ignore", under="ignore"):
-            force = np.array(self.force_points_n)[at] * np.abs(ohm / points[at]) ** (
-                -1.0 / self.exponents()[at]
-            )
+            force = np.array(self.force_points_n)[at] * np.abs(ohm / points[at]) ** power
         force = np.where(force > _FORCE_MAX_N, np.inf, force)
         return np.where(ohm >= self.r_open_ohm, 0.0, np.maximum(force, self.force_on_n))
 
@@ -153,57 +134,44 @@ Sensor = InverseSensor | PowerSensor
 
 def resolve(table: SensorTable, defaults: designs.Sensor, file: Path | str) -> SensorTable:
     """Fill in the keys of the law; refuse those of another law, and points without a curve."""
-    for law, keys in _KEYS.items():
-        for key in keys:
-            if law != table.law and (value := getattr(table, key)) is not None:
-                raise InputError(file, f"sensor.{key}", value, f'left out with law "{table.law}"')
     missing = {key: getattr(defaults, key) for key in _KEYS[table.law] if getattr(table, key) is None}
     table = table.model_copy(update=missing)
+    refuse(_wrong(table), table, file, "sensor.")
+    return table
+
+
+def _wrong(table: SensorTable) -> Iterator[tuple[str, str]]:
+    """Yield keys with impossible values, and what is allowed."""
+    for law, keys in _KEYS.items():
+        if law != table.law:
+            said = f'left out with law "{table.law}"'
+            yield from ((key, said) for key in keys if getattr(table, key) is not None)
     if table.law == "power":
         force, ohm = np.array(table.force_points_n), np.array(table.r_points_ohm)
         if (force[1:] < force[:-1] * _POINT_RATIO).any():
-            raise InputError(
-                file, "sensor.force_points_n", table.force_points_n, "forces that rise, by 0.1 % at least"
-            )
+            yield "force_points_n", "forces that rise, by 0.1 % at least"
         if ohm.size != force.size or (ohm[1:] * _POINT_RATIO > ohm[:-1]).any():
-            said = f"{force.size} resistances, one a force point, that fall by 0.1 % at least"
-            raise InputError(file, "sensor.r_points_ohm", table.r_points_ohm, said)
+            yield "r_points_ohm", f"{force.size} resistances, one a force point, that fall by 0.1 % at least"
         if not table.r_open_ohm > ohm[0]:
-            said = f"a number above the first of r_points_ohm, {ohm[0]:g} (inf is legal)"
-            raise InputError(file, "sensor.r_open_ohm", table.r_open_ohm, said)
-    return table
+            yield "r_open_ohm", f"a number above the first of r_points_ohm, {ohm[0]:g} (inf is legal)"
 
 
 def make_sensor(table: SensorTable) -> Sensor:
     """Make the sensor of a resolved [sensor] table."""
-    given: dict[str, Any] = {key: getattr(table, key) for key in _KEYS[table.law]}
-    if None in given.values():
-        raise ValueError("the [sensor] table is not resolved: a key has no value")
     if table.law == "inverse":
-        return InverseSensor(**given)
-    return PowerSensor(**{k: tuple(v) if isinstance(v, list) else v for k, v in given.items()})
+        return InverseSensor(table.k_force_n_ohm)
+    points = tuple(table.force_points_n), tuple(table.r_points_ohm)
+    return PowerSensor(*points, table.force_on_n, table.r_open_ohm)
 
 
 @dataclass(frozen=True)
 class SensorState:
-    """How a sheet departs from its law; the default is a sheet that does not.
+    """How a sheet departs from its law; the default is a sheet that does not."""
 
-    Attributes
-    ----------
-    hysteresis : float
-        Largest relative decrease of the resistance while the force falls, 0..1.
-    creep_per_decade : float
-        Growth of the conductance with each factor of ten in time under load, relative.
-    temperature_error : float
-        Relative change of every conductance, above -1.
-    spread : float
-        Standard deviation of the conductance from taxel to taxel, relative.
-    """
-
-    hysteresis: float = 0.0
-    creep_per_decade: float = 0.0
-    temperature_error: float = 0.0
-    spread: float = 0.0
+    hysteresis: float = 0.0  # largest relative decrease of the resistance while the force falls, 0..1
+    creep_per_decade: float = 0.0  # relative growth of the conductance, a factor of ten in time under load
+    temperature_error: float = 0.0  # relative change of every conductance, above -1
+    spread: float = 0.0  # relative standard deviation of the conductance from taxel to taxel
 
 
 def age(
@@ -214,30 +182,19 @@ def age(
     creep_start_s: float,
     rng: Callable[[str], np.random.Generator],
 ) -> Floats:
-    """Turn the resistances of a law into those of a sheet in some state.
+    """Turn the resistances of a law into those of a sheet in some state; in the default state, return them as given.
 
     Parameters
     ----------
-    sensor : Sensor
-        The law; it says which taxels are under load.
-    resistance_ohm : ndarray
-        [frames, rows, cols] by the law, 0..inf, one frame each t_frame_s.
-    state : SensorState
-    creep_start_s : float
-        See `creep_decades`.
-    rng : callable
-        Name of an effect -> its generator; asked for only where the state has a spread.
-
-    Returns
-    -------
-    ndarray
-        The same object where the state is the default.
+    sensor : the law; it says which taxels are under load
+    resistance_ohm : [frames, rows, cols] by the law, 0..inf, one frame each t_frame_s
+    creep_start_s : see `creep_decades`
+    rng : name of an effect -> its generator; asked for only where the state has a spread
     """
+    by_law = resistance_ohm
     with np.errstate(over="ignore"):
         if state.hysteresis:
-            resistance_ohm, by_law = play(resistance_ohm, state.hysteresis), resistance_ohm
-        else:
-            by_law = resistance_ohm
+            resistance_ohm = play(resistance_ohm, state.hysteresis)
         if state.creep_per_decade:
             decades = creep_decades(sensor.force_n(by_law) > 0, t_frame_s, creep_start_s)
             resistance_ohm = resistance_ohm / (1.0 + state.creep_per_decade * decades)
@@ -250,8 +207,7 @@ def age(
 
 
 def play(resistance_ohm: Floats, width: float) -> Floats:
-    """Hysteresis of resistances along axis 0: the play operator between the law R and (1 - width)
-    R.
+    """Hysteresis of resistances along axis 0: the play operator between the law R and (1 - width) R.
 
     A rising force (falling R) follows the law, a falling one the law times 1 - width; in between
     the resistance stays where it was. That is the play (backlash) operator of Preisach's theory on
@@ -279,10 +235,8 @@ def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -
 
     Parameters
     ----------
-    loaded : ndarray of bool
-        Whether a taxel carries load from frame n to frame n + 1.
-    t_frame_s, start_s : float
-        Time from frame to frame, and the time at which the first decade starts.
+    loaded : True for a taxel that carries load from frame n to frame n + 1
+    t_frame_s, start_s : time from frame to frame, and the time at which the first decade starts
     """
     from dermis.scene.sensor_loops import advance_creep  # numba takes 0.4 s to load
 

@@ -34,20 +34,11 @@ CODE_MAX = 255
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of a stimulus.
+    """Frames of a stimulus [frames, rows, cols], one for each reading of the array."""
 
-    Attributes
-    ----------
-    resistance_ohm, force_n : ndarray
-        Resistance by the sensor's law, and force in newtons or None, [frames, rows, cols]: one frame for each
-        reading of the array.
-    t_frame_s : float
-        From the start of one reading to the start of the next, the chip's frame time or longer.
-    """
-
-    resistance_ohm: Floats
-    force_n: Floats | None
-    t_frame_s: float
+    resistance_ohm: Floats  # by the sensor's law
+    force_n: Floats
+    t_frame_s: float  # from start to start of two readings, the chip's frame time or longer
 
 
 @dataclass(frozen=True)
@@ -75,8 +66,8 @@ Code = Annotated[int, Field(ge=0, le=CODE_MAX)]
 Select = Literal["all", "first", "last"] | Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)]
 Shape = Literal["flat", "triangular", "cylindrical", "spherical", "round"]
 Seconds = Annotated[float, Field(ge=1e-9, le=1e9)]
+_SECONDS = "a finite number from 1e-9 to 1e9; or frames instead"
 _FORCE = "a finite number >= 0, or a list of them, one a frame"
-_TAPS = "a finite number >= 0, or a list of them, one a tap"
 _POINTS = "a list of at least 2 finite numbers >= 0"
 _PROFILES = (
     "flat 1; triangular 1 - |t|; cylindrical sqrt(1 - t^2); these three on the rectangle width x length; "
@@ -106,13 +97,13 @@ class _Body(Strict):
     shape: Shape = entry(..., "Pressure under the body: " + _PROFILES)
     force_n: Forces | None = entry(
         None,
-        "Force in N on a taxel where the profile is 1; a list gives one frame for each force",
-        _FORCE + "; or total_force_n instead",
+        "Force in N on a taxel where the profile is 1; a list gives one frame, or tap, for each force",
+        _FORCE + " or tap; or total_force_n instead",
     )
     total_force_n: Forces | None = entry(
         None,
-        "Force in N of the whole body, shared by the taxels it touches; a list gives one frame for each force",
-        _FORCE + "; or force_n instead",
+        "Force in N of the whole body, shared by the taxels it touches; a list as for force_n",
+        _FORCE + " or tap; or force_n instead",
     )
     width: float = entry(8.0, "Extent across the profile, in taxel pitches", gt=0)
     length: float = entry(8.0, "Extent along the ridge or axis, in taxel pitches", gt=0)
@@ -147,7 +138,7 @@ class _Lasting(Strict):
     duration_s: Seconds | None = entry(
         None,
         "Or time to read for, in s, rounded up to whole frames",
-        "a finite number from 1e-9 to 1e9; or frames instead",
+        _SECONDS,
     )
 
 
@@ -174,18 +165,11 @@ class SlipTable(_Body, _Lasting):
 
 
 class TappingTable(_Body, _Lasting):
-    """A stiff body that taps on the sheet."""
+    """A stiff body that taps on the sheet; a list of forces is repeated."""
 
-    kind: Literal["tapping"] = entry(..., "A body that taps on the sheet, read at the chip's frame time")
-    force_n: Forces | None = entry(
-        None,
-        "Highest force in N of a tap, on a taxel where the profile is 1; a list gives one tap for each force, repeated",
-        _TAPS + "; or total_force_n instead",
-    )
-    total_force_n: Forces | None = entry(
-        None,
-        "Highest force in N of a tap of the whole body, shared by the taxels it touches; a list as for force_n",
-        _TAPS + "; or force_n instead",
+    kind: Literal["tapping"] = entry(
+        ...,
+        "A body that taps on the sheet with these highest forces, repeated, read at the chip's frame time",
     )
     frequency_hz: float = entry(
         ..., "Taps a second; the first begins at time 0", "a finite number > 0, at most 1e6", gt=0, le=1e6
@@ -226,7 +210,7 @@ class RampTable(_Body, _Lasting):
     duration_s: Seconds | None = entry(
         None,
         "Or time from the first force to the last, in s",
-        "a finite number from 1e-9 to 1e9; or frames instead",
+        _SECONDS,
     )
 
 
@@ -247,19 +231,6 @@ class UniformTable(_Timed):
     )
 
 
-class Given:
-    """Frames that a caller holds in memory, in place of the file that a [stimulus] table names.
-
-    They stay in the process that plans: workers get the frames of their plan.
-    """
-
-    def __init__(self, values: NDArray[Any] | None) -> None:
-        self.values = values
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Given, (None,)
-
-
 class _Stored(_Timed):
     """Frames that are ready: in a file, or in memory."""
 
@@ -278,13 +249,17 @@ class _Stored(_Timed):
         "Numbers of the frames to use, from 0, in this order",
         'one of "all", "first", "last", or a list of frame numbers >= 0',
     )
-    _given: Given | None = PrivateAttr(None)
+    _given: Callable[[], NDArray[Any]] | None = PrivateAttr(None)  # arrays could not be compared
 
     def given(self, values: NDArray[Any]) -> Self:
         """Return this table with values in memory; `file` is then only their name in errors."""
         made = self.model_copy()
-        made._given = Given(values)
+        made._given = lambda: values
         return made
+
+    def __getstate__(self) -> dict[Any, Any]:
+        """Leave the values in the process that plans: workers get the frames of their plan."""
+        return super().__getstate__() | {"__pydantic_private__": {"_given": None}}
 
 
 class FramesTable(_Stored):
@@ -343,8 +318,7 @@ def resolve(table: Any, rows: int, cols: int, t_frame_s: float) -> Any:
 
 
 def body_profile(table: _Body, row: Floats, col: Floats, rows: int, cols: int) -> Floats:
-    """Pressure relative to its peak on every taxel, [places, rows, cols], 0..1, with the centre at
-    each place.
+    """Pressure relative to its peak on every taxel, [places, rows, cols], 0..1, with the centre at each place.
 
     With u across and v along the body, counted in pitches from its centre, t = u / (width/2) and
     s = v / (length/2): flat 1, triangular 1 - |t| (a straight ridge) and cylindrical sqrt(1 - t^2) (the half
@@ -436,8 +410,6 @@ def _frame_steps(value: Any, key: str, about: Surroundings) -> Floats:
 
 
 def _body(table: _Body, about: Surroundings) -> Frames:
-    if table.center_row is None or table.center_col is None:
-        raise ValueError("the [stimulus] table is not resolved: the centre has no value")
     key = _one_of(table, ("force_n", "total_force_n"), about)
     forces = _frame_steps(getattr(table, key), key, about)
     row, col = np.array([table.center_row]), np.array([table.center_col])
@@ -477,11 +449,9 @@ def _body(table: _Body, about: Surroundings) -> Frames:
         profile = np.divide(profile, whole, out=np.zeros_like(profile), where=whole > 0)
     force = forces[:, np.newaxis, np.newaxis] * profile
     ohm = about.sensor.resistance_ohm(force)
-    return (
-        _in_time(table, about, ohm, force)
-        if isinstance(table, _Timed)
-        else Frames(ohm, force, about.t_frame_s)
-    )
+    if isinstance(table, _Timed):
+        return _in_time(table, about, ohm, force)
+    return Frames(ohm, force, about.t_frame_s)
 
 
 def _count(table: _Lasting, about: Surroundings, listed: int | None) -> int:
@@ -526,8 +496,6 @@ def _held(values: Floats, count: int) -> Floats:
 
 def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> Frames:
     """Return the frames that the chip reads of a stimulus; see `_Timed.resample`."""
-    if table.t_frame_s is None:
-        raise ValueError("the [stimulus] table is not resolved: t_frame_s has no value")
     steps = about.t_frame_s / table.t_frame_s
     # Frame times are decimals, compared up to rounding; so is a frame on the border of two, below.
     if abs(steps - 1) < 1e-9:
@@ -538,18 +506,15 @@ def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> 
             said = f'at least the frame time of the chip, {about.t_frame_s:g} s, or resample = "hold" or "linear"'
             raise about.wrong("t_frame_s", table.t_frame_s, said)
         return Frames(ohm, force, table.t_frame_s)
+    hold = table.resample == "hold"
     # hold: the last frame lasts as long as the others; linear: the last one is the end.
-    count = (
-        math.ceil(frames / steps - 1e-9)
-        if table.resample == "hold"
-        else math.floor((frames - 1) / steps + 1e-9) + 1
-    )
+    count = math.ceil(frames / steps - 1e-9) if hold else math.floor((frames - 1) / steps + 1e-9) + 1
     if count * about.rows * about.cols > VALUES_MAX:
         said = f"a time that makes at most {VALUES_MAX} values, not {count} frames"
         raise about.wrong("t_frame_s", table.t_frame_s, said)
     place = np.arange(max(count, 1)) * steps
     first = np.minimum(np.floor(place + 1e-9).astype(int), frames - 1)
-    if table.resample == "hold":
+    if hold:
         return Frames(ohm[first], force[first], about.t_frame_s)
     share = (place - first)[:, np.newaxis, np.newaxis]
     # The rounding of the place, as above.
@@ -565,7 +530,7 @@ def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> 
 def read_frames(table: _Stored, about: Surroundings) -> Floats:
     """Return the frames of a table's file, [frames, rows, cols], checked."""
     if table._given is not None:
-        values = _shaped(np.asarray(table._given.values), table.file, about)
+        values = _shaped(np.asarray(table._given()), table.file, about)
     else:
         values = _read_file(table, about)
     _check_values(values, table.file, table)
@@ -607,42 +572,21 @@ def _check_values(values: Floats, shown: str, table: _Stored) -> None:
     else:
         good, allowed = (values >= 0) & np.isfinite(values), "a finite force >= 0 in newtons"
     if not good.all():
-        frame, row, col = (int(i) for i in np.argwhere(~good)[0])
-        raise InputError(
-            shown, f"frame {frame}, row {row}, column {col}", float(values[frame, row, col]), allowed
-        )
+        frame, row, col = np.argwhere(~good)[0]
+        place = f"frame {frame}, row {row}, column {col}"
+        raise InputError(shown, place, float(values[frame, row, col]), allowed)
 
 
 def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
-    """Return the values of a csv file; one that numpy does not read at once is read line by line."""
+    """Return the values of a csv file [frames, rows, cols]; the first that is wrong is named."""
     rows, cols = about.rows, about.cols
     if not data.isascii():
         at = next(i for i, byte in enumerate(data) if byte > 127)
         raise InputError(shown, f"byte {at}", data[at], "numbers separated by commas")
-    values = np.empty((0, 0))
-    most = data.count(b",") + data.count(b"\n") + data.count(b"\r") + 1
-    if most <= VALUES_MAX and data and not data.isspace() and b"\0" not in data:
-        try:
-            values = np.loadtxt(_lines(data), delimiter=",", ndmin=2, comments=None)
-        except ValueError:
-            pass  # what is wrong, and where, is found below
-    if values.shape[1] not in (rows * cols, cols):
-        values = _read_lines(data, shown, rows, cols)
-    if values.shape[1] == cols != rows * cols and len(values) % rows:
-        raise InputError(shown, "lines", len(values), f"whole frames of {rows} lines of {cols} values")
-    return values.reshape(-1, rows, cols)
-
-
-def _lines(data: bytes) -> io.TextIOWrapper:
-    """Return the lines of a file; any of LF, CR LF and CR ends one."""
-    return io.TextIOWrapper(io.BytesIO(data), encoding="ascii")
-
-
-def _read_lines(data: bytes, shown: str, rows: int, cols: int) -> Floats:
-    """Return the values of a csv file [lines, values]; the first that is wrong is named."""
     layout = f"{rows * cols} values (a frame) or {cols} values (a row of it)"
     values, width = arrays.array("d"), 0
-    for number, line in enumerate(_lines(data), start=1):
+    # Any of LF, CR LF and CR ends a line.
+    for number, line in enumerate(io.TextIOWrapper(io.BytesIO(data), encoding="ascii"), start=1):
         if number > VALUES_MAX:
             raise InputError(shown, f"line {number}", "one line more", f"at most {VALUES_MAX} lines")
         if line.isspace():
@@ -655,19 +599,30 @@ def _read_lines(data: bytes, shown: str, rows: int, cols: int) -> Floats:
             raise InputError(shown, f"line {number}", f"{found} values", allowed)
         if (total := len(values) + found) > VALUES_MAX:
             raise InputError(shown, f"line {number}", f"{total} values", f"at most {VALUES_MAX} values")
-        values.extend(_number(cell, number, n, shown) for n, cell in enumerate(line.split(","), 1))
+        cells = line.split(",")
+        if "_" in line or not _extended(values, cells):
+            place, cell = next((n, cell) for n, cell in enumerate(cells, 1) if not _is_number(cell))
+            raise InputError(shown, f"line {number}, value {place}", quoted(cell.strip()), "a number")
     if not width:
         raise InputError(shown, "lines", 0, f"at least one line of {layout}")
-    return np.frombuffer(values).reshape(-1, width)
+    lines = len(values) // width
+    if width == cols != rows * cols and lines % rows:
+        raise InputError(shown, "lines", lines, f"whole frames of {rows} lines of {cols} values")
+    return np.frombuffer(values).reshape(-1, rows, cols)
 
 
-def _number(cell: str, line: int, place: int, shown: str) -> float:
+def _is_number(cell: str) -> bool:
+    """Return True for the text of a number; float() alone takes 1_000 as well."""
+    return "_" not in cell and _extended(arrays.array("d"), [cell])
+
+
+def _extended(values: arrays.array[float], cells: list[str]) -> bool:
+    """Append numbers; return False if one of them is none."""
     try:
-        if "_" in cell:  # float() takes 1_000
-            raise ValueError
-        return float(cell)
+        values.extend(map(float, cells))
     except ValueError:
-        raise InputError(shown, f"line {line}, value {place}", quoted(cell.strip()), "a number") from None
+        return False
+    return True
 
 
 def _read_numpy(data: bytes, shown: str, suffix: str, table: _Stored, about: Surroundings) -> Floats:
@@ -677,9 +632,8 @@ def _read_numpy(data: bytes, shown: str, suffix: str, table: _Stored, about: Sur
         raise
     except Exception as error:  # zip, header and dtype parsers raise whatever they like on garbage
         reason = one_line(str(error) or type(error).__name__, 200)
-        raise InputError(
-            shown, "file", Path(shown).name, f"a readable {suffix[1:]} file ({reason})"
-        ) from None
+        allowed = f"a readable {suffix[1:]} file ({reason})"
+        raise InputError(shown, "file", Path(shown).name, allowed) from None
     return _shaped(array, shown, about)
 
 
@@ -689,14 +643,11 @@ def _shaped(array: NDArray[Any], shown: str, about: Surroundings) -> Floats:
         raise InputError(shown, "dtype", str(array.dtype), "integers or floating point numbers")
     if array.size > VALUES_MAX:
         raise InputError(shown, "shape", list(array.shape), f"at most {VALUES_MAX} values")
-    shape = (about.rows, about.cols)
     if array.ndim == 2:
         array = array[np.newaxis]
-    if array.ndim != 3 or array.shape[1:] != shape or array.shape[0] < 1:
-        found = list(array.shape)
-        raise InputError(
-            shown, "shape", found, f"[{shape[0]}, {shape[1]}] or [frames, {shape[0]}, {shape[1]}]"
-        )
+    if array.ndim != 3 or array.shape[1:] != (about.rows, about.cols) or array.shape[0] < 1:
+        allowed = f"[{about.rows}, {about.cols}] or [frames, {about.rows}, {about.cols}]"
+        raise InputError(shown, "shape", list(array.shape), allowed)
     # Values too large for a double become inf, and signalling NaN quiet ones; both are refused later with their place.
     with np.errstate(over="ignore", invalid="ignore"):
         return array.astype(float)
@@ -706,12 +657,10 @@ def npy_array(data: bytes, shown: str, kinds: str = "iuf") -> NDArray[Any]:
     # The header is checked against the bytes of the file: 80 bytes can claim a petabyte.
     stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
-    reader = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(
-        version
-    )
-    if reader is None:
+    if version not in ((1, 0), (2, 0)):
         raise ValueError(f"npy version {version}")
-    shape, fortran, dtype = reader(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran, dtype = read(stream)
     if dtype.hasobject or dtype.kind not in kinds:
         raise InputError(shown, "dtype", str(dtype), "integers or floating point numbers")
     values = math.prod(int(n) for n in shape)

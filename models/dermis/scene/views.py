@@ -1,19 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Views of the SPICE blocks in a co-simulation: behavioural or sky130 transistors, by block and by
-column.
+"""Views of the SPICE blocks in a co-simulation: behavioural or sky130 transistors, by block and by column.
 
 A block has the same name and pins in both, so a view is the folder from which its file is included.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from dermis.errors import InputError
-from dermis.scene.schema import Strict, entry
+from dermis.scene.schema import Strict, entry, refuse
 
 View = Literal["behavioural", "sky130"]
 Corner = Literal["tt", "ff", "ss", "sf", "fs"]
@@ -28,7 +25,7 @@ def _block(meaning: str) -> Any:
     return entry(None, meaning, default_from="run.views.default")
 
 
-class ViewsTable(Strict):
+class Views(Strict):
     """[run] views = { ... }: a view for each block, and the conditions of the transistors."""
 
     default: View = entry("sky130", "View of every block that is not named")
@@ -47,29 +44,11 @@ class ViewsTable(Strict):
     temperature_c: float = entry(27.0, "Temperature of the transistors, in degrees C", ge=-40, le=125)
     supply_scale: float = entry(1.0, "Factor on both supplies of the design", ge=0.9, le=1.1)
 
-
-@dataclass(frozen=True)
-class Views:
-    """View of every block; see `ViewsTable`. `columns` is None for all columns."""
-
-    row_driver: View = "behavioural"
-    conveyor: View = "behavioural"
-    integrator: View = "behavioural"
-    comparator: View = "behavioural"
-    charge_source: View = "behavioural"
-    columns: tuple[int, ...] | None = None
-    corner: Corner = "tt"
-    temperature_c: float = 27.0
-    supply_scale: float = 1.0
-
     @classmethod
-    def of(cls, said: str | ViewsTable) -> Views:
-        """Return the views of [run] of a scene."""
-        if isinstance(said, str):
-            return cls(**dict.fromkeys(BLOCKS, said))
-        values = {name: getattr(said, name) or said.default for name in BLOCKS}
-        columns = None if said.columns is None else tuple(said.columns)
-        return cls(**values, columns=columns, **{n: getattr(said, n) for n in _CONDITIONS})
+    def of(cls, said: str | Views) -> Views:
+        """Return the view of every block of [run] of a scene."""
+        views = cls(default=said) if isinstance(said, str) else said
+        return views.model_copy(update={name: getattr(views, name) or views.default for name in BLOCKS})
 
     def in_transistors(self, topology: str) -> frozenset[str]:
         """Return the blocks of a topology that are transistors in at least one column."""
@@ -84,9 +63,9 @@ class Views:
     def at(self, columns: tuple[int, ...]) -> Views:
         """Return the views of a deck with these columns, which all have the same; without any, of the row drivers."""
         if columns and (self.columns is None or set(columns) <= set(self.columns)):
-            return replace(self, columns=None)
+            return self.model_copy(update={"columns": None})
         channel = dict.fromkeys(BLOCKS, "behavioural") | {"row_driver": self.row_driver}
-        return replace(self, **channel, columns=None)
+        return self.model_copy(update=channel | {"columns": None})
 
     def conditions(self) -> Mapping[str, Any]:
         """Return corner, temperature and supply, for reports."""
@@ -95,30 +74,28 @@ class Views:
 
 _CONDITIONS = ("corner", "temperature_c", "supply_scale")
 
-BEHAVIOURAL = Views()
+BEHAVIOURAL = Views.of("behavioural")
 
 
-def resolve(said: str | ViewsTable, cols: int, path: Path) -> str | ViewsTable:
-    """Fill in the view of every block, and check the columns.
+def resolve(said: str | Views, cols: int, path: Path) -> str | Views:
+    """Fill in the view of every block.
 
-    Raises
-    ------
-    InputError
-        A column is outside the array or named twice; or columns or conditions are given, but no transistors.
+    Raises InputError if a column is outside the array or named twice, or columns or conditions are given but no
+    transistors.
     """
     if said == "behavioural":
         return said
     views = Views.of(said)
+    refuse(_wrong(views, cols), views, path, "run.views.")
+    return views
+
+
+def _wrong(views: Views, cols: int) -> Iterator[tuple[str, str]]:
+    """Yield keys with impossible values, and what is allowed."""
     columns = views.columns
-    if columns is not None and (
-        len(set(columns)) < len(columns) or not columns or not all(0 <= c < cols for c in columns)
-    ):
-        allowed = f"a list of different whole numbers from 0, below array.cols = {cols}"
-        raise InputError(path, "run.views.columns", list(columns), allowed)
+    if columns is not None and not len(set(columns) & set(range(cols))) == len(columns) > 0:
+        yield "columns", f"a list of different whole numbers from 0, below array.cols = {cols}"
     if not any(getattr(views, name) == "sky130" for name in BLOCKS):
         for name, default in {"columns": None, **BEHAVIOURAL.conditions()}.items():
-            if (value := getattr(said, name)) != default:
-                raise InputError(path, f"run.views.{name}", value, 'nothing where no block is "sky130"')
-    values = asdict(views) | {"columns": None if columns is None else list(columns)}
-    default = "sky130" if isinstance(said, str) else said.default
-    return ViewsTable(default=default, **values)
+            if getattr(views, name) != default:
+                yield name, 'nothing where no block is "sky130"'
