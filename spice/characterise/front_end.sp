@@ -1,7 +1,8 @@
 * SPDX-License-Identifier: Apache-2.0
 * The front end with two rows and two columns, from power-up without bias to power-down, on a bias of 0.45 V, so that what
 * takes vbias for vref is seen: 1 kohm and 10 kohm a taxel, row 0 driven, then row 1 with both test currents.
-* From its enable the bias takes up to 14 us (sky130.start_up_s) and a column as much again at ss, -40 C.
+* From its enable the bias takes up to 14 us (sky130.start_up_s) and a column as much again at ss, -40 C. The first gate,
+* in which the offset null finds its level, is the one that a host throws away; the second one, from 40 us, is measured.
 * Fields: the front end and its pins, with its own vdd_front and r_ref_x.
 {front_end}
 xdut {pins} dermis_analog_front_end
@@ -21,7 +22,7 @@ ccomp1 comp1 vss 50f
 csense0 d_sense0 vss 50f
 csense1 d_sense1 vss 50f
 v_enable logic_enable 0 pwl(0 0 2u 0 2.01u 1 70u 1 70.01u 0)
-v_preset logic_preset 0 pwl(0 1 40u 1 40.001u 0 58u 0 58.01u 1)
+v_preset logic_preset 0 pwl(0 1 26u 1 26.001u 0 36u 0 36.001u 1 40u 1 40.001u 0 58u 0 58.01u 1)
 v_row0 logic_row0 0 pwl(0 1 53u 1 53.01u 0)
 v_row1 logic_row1 0 pwl(0 0 53u 0 53.01u 1)
 v_charge0 logic_charge0 0 pwl(0 0 40.8u 0 40.801u 1 41u 1 41.001u 0)
