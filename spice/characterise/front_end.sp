@@ -1,6 +1,6 @@
 * SPDX-License-Identifier: Apache-2.0
 * The front end with two rows and two columns, from power-up without bias to power-down, on a bias of 0.45 V, so that what
-* takes vbias for vref is seen: 1 kohm and 10 kohm a taxel, row 0 driven, then row 1 with both test currents.
+* takes vbias for vref is seen: 1 kohm and 10 kohm a taxel, row 0 driven, then row 1 with the test current of column 1, then of both.
 * From its enable the bias takes up to 14 us (sky130.start_up_s) and a column as much again at ss, -40 C. The first gate,
 * in which the offset null finds its level, is the one that a host throws away; the second one, from 40 us, is measured.
 * Fields: the front end and its pins, with its own vdd_front and r_ref_x.
@@ -31,7 +31,7 @@ v_range0 logic_range0 0 0
 v_range1 logic_range1 0 1
 v_range2 logic_range2 0 1
 v_range3 logic_range3 0 0
-v_test0 logic_test0 0 pwl(0 0 53u 0 53.01u 1)
+v_test0 logic_test0 0 pwl(0 0 61u 0 61.01u 1)
 v_test1 logic_test1 0 pwl(0 0 53u 0 53.01u 1)
 .tran 50n 95u
 .meas tran celsius find v(celsius) at=1u
@@ -52,4 +52,7 @@ v_test1 logic_test1 0 pwl(0 0 53u 0 53.01u 1)
 .meas tran after find v(xdut.xcolumn0.xvfc.v_int) at=41.18u
 .meas tran slow_0 find v(xdut.xcolumn1.xvfc.v_int) at=40.5u
 .meas tran slow_1 find v(xdut.xcolumn1.xvfc.v_int) at=42.5u
-.meas tran i_test find i(vbias) at=65u
+.meas tran preset_0 find v(xdut.xcolumn0.xvfc.v_int) at=39.9u
+.meas tran preset_1 find v(xdut.xcolumn1.xvfc.v_int) at=39.9u
+.meas tran i_one find i(vbias) at=60.9u
+.meas tran i_both find i(vbias) at=69u
