@@ -199,7 +199,7 @@ UNDEFINED = {"xn_low on v_missing vss vss nmos w=5 l=0.5\n": ""}
         ("level_shifter.sp", UNDEFINED, "sequencing_10us", 27.0),
         (
             "conveyor.sp",
-            {"xn_zero v_low vdd vss vss nmos w=0.6 l=6": "rzero v_low vss 1"},
+            {"xn_zero v_low v_ped vss vss nmos w=0.7 l=6": "rzero v_low vss 1"},
             "phase_margin",
             27.0,
         ),

@@ -34,8 +34,8 @@ FAULTS = {
     "inputs_swapped": ("vfc.sp", "xcomparator agnd v_int", "xcomparator v_int agnd"),
     "switch_stuck_on": (
         "integrator.sp",
-        "xs_preset out vref on off vdd vss switch\nxs_out",
-        "xs_preset out vref vdd vss vdd vss switch\nxs_out",
+        "xs_preset out vref on_late off_late vdd vss switch",
+        "xs_preset out vref vdd vss vdd vss switch",
     ),
 }
 """File, text that occurs there once, text in its place, by kind of fault."""
