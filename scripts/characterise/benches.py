@@ -158,8 +158,10 @@ def row_change(found: Found) -> dict[str, float]:
 
 
 def esd_clamp(found: Found) -> dict[str, float]:
-    """Return what the clamp takes of a discharge of 5 V, of a supply that rises in 10 us, and at rest."""
-    return {f"esd_clamp_a.{name}": -found[name] for name in ("zap", "ramp", "rest")}
+    """Return what the clamp takes of a discharge, of a supply that rises in 10 us and at rest, and diodes at 10 mA."""
+    return {f"esd_clamp_a.{name}": -found[name] for name in ("zap", "ramp", "rest")} | {
+        f"esd_pad_v.{name}": found[name] for name in ("up", "down")
+    }
 
 
 ORDERS = {
@@ -446,18 +448,23 @@ def poly(celsius: float) -> float:
 
 
 def front_end(found: Found) -> dict[str, float]:
-    """Return errors of two columns, of a packet and of a test current, the worst digital output, and the supply."""
+    """Return errors of two columns, a packet, a preset and test currents, the worst digital output, and the supply."""
     pedestal_a, bias_v = 16e-6, 0.45
     fast_v, slow_v = found["fast_0"] - found["fast_1"], (found["slow_0"] - found["slow_1"]) / 5  # in 0.4 us
     packet_v = found["after"] - found["before"] + fast_v
     fast_a, slow_a = (volts / packet_v * 5e-12 / 0.4e-6 for volts in (fast_v, slow_v))
-    test_a = 0.55e-3 + 2 * load().calibration.i_test_a * poly(27.0) / poly(found["celsius"])
+    test_a = load().calibration.i_test_a * poly(27.0) / poly(found["celsius"])
+    tests = [
+        -found[name] / ((0.55e-3 + many * test_a) * bias_v / 0.5) - 1.0
+        for many, name in enumerate(("i_one", "i_both"), 1)
+    ]
     outputs = [name for name in found if "_sense" in name or "_comp" in name]
     return {
         "front_end_error.fast": fast_a / ((bias_v / 1e3 + pedestal_a) / 80) - 1.0,
         "front_end_error.slow": slow_a / ((bias_v / 10e3 + pedestal_a) / 40) - 1.0,
         "front_end_error.packet": packet_v - 1.0,
-        "front_end_error.test": -found["i_test"] / (test_a * bias_v / 0.5) - 1.0,
+        "front_end_error.preset": max((found[f"preset_{n}"] / 0.5 - 1.0 for n in (0, 1)), key=abs),
+        "front_end_error.test": max(tests, key=abs),
         "front_end_output_v": max(abs(found[name] - found[name.partition("_")[0]]) for name in outputs),
         "front_end_off_a": max(abs(found["i_off"]), abs(found["i_down"])),
         "front_end_on_a": found["i_on"],

@@ -2,6 +2,9 @@
 * Integrator with preset: current into iin pulls out down by q / 5 pF; while d_preset is high the capacitor is charged to the preset reference.
 * The reference is vref, 0.5 V above vcm, half a packet. Preset closes the amplifier on itself and puts the far plate,
 * at out, on vref: the offset of the amplifier is stored and cancels (auto-zero).
+* When preset begins, out stays on the amplifier for some 10 ns more, and both plates move together through the switches:
+* from an out at vss, its jump to vref alone would lift iin 0.4 V above vdd. xn_late is weak and xp_late strong, so at
+* the end of preset all switches move together.
 * c_int_f is taken and not used: without a parameter ngspice refuses those that a behavioural vfc passes.
 .subckt integrator iin vcm d_preset out vref ibias vdd vss vdd_d vss_d params: c_int_f=0
 xlevel d_preset on off vdd vss vdd_d vss_d level_shifter
@@ -10,8 +13,11 @@ xamp vcm iin v_amp ibias vdd vss ota
 xc_amp v_amp vss sky130_fd_pr__cap_mim_m3_1 w=22 l=22
 xs_unity iin v_amp on off vdd vss switch
 xc_int out iin sky130_fd_pr__cap_mim_m3_1 w=28.7 l=28.735 m=3 mult=3
-xs_preset out vref on off vdd vss switch
-xs_out out v_amp off on vdd vss switch k=2
+xn_late off_late on vss vss nmos w=0.5 l=20
+xp_late off_late on vdd vdd pmos w=4 l=0.5
+xon_late off_late on_late vdd vss vss inverter
+xs_preset out vref on_late off_late vdd vss switch
+xs_out out v_amp off_late on_late vdd vss switch k=2
 .ends integrator
 * The opposite sign: preset reverses the capacitor, the near plate on vref and the far one on vcm; then the offset of
 * some millivolts counts.

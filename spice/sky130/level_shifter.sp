@@ -30,5 +30,5 @@ xp_on on off vdd vdd pmos w=1.5 l=0.5
 * Back to the digital core: in swings between vss and vdd, out between vss_d and vdd_d.
 .subckt level_down in out vdd_d vss_d
 xfirst in in_n vdd_d vss_d vss_d inverter
-xout in_n out vdd_d vss_d inverter_lv k=4
+xout in_n out vdd_d vss_d inverter_lv k=6
 .ends level_down

@@ -29,8 +29,11 @@ xsp1 v_pedgate p_1 k1 k1_n vdd vss mirror_gate
 xsp01 v_pedgate p_01 k01 k01_n vdd vss mirror_gate
 xlines ibias vcn vcp v_pedgate vdd vss mirror_lines
 xcopy v_copy in vcn vss mirror_group
-xped out v_pedgate vcn vss mirror_group
+xn_ped v_ped v_pedgate vss vss nmos w=30 l=12
+xn_pedc out vcn v_ped vss nmos w=20 l=1
 xturn v_copy out vcp vdd mirror_turn
+* While the bias comes up both devices are off and the gate's charge takes v_ped 0.8 V above vdd at sf, 27 C, 0.9.
+xc_ped v_ped vss sky130_fd_pr__cap_mim_m3_1 w=2 l=2
 .ends mirror
 * The same with a ratio k that is drawn, not switched.
 .subckt mirror_fixed in out ibias vdd vss params: k=80

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -107,27 +108,38 @@ def test_every_block_has_a_bench() -> None:
 
 
 def test_how_long_a_device_is_beyond_its_class_is_read_from_the_steps() -> None:
-    """Two edges apart, a slow rise that goes on, steps as long as the run's, and what the operating point has."""
-    steps = {"ed": (1e-6, 1.001e-6, 3e-6, 3.0005e-6), "sl": (1e-6, 2e-6, 3e-6, 4e-6), "st": (0.0, 1e-6)}
-    every = sorted({time for times in steps.values() for time in times} | {1.5e-6, 3.5e-6})
-    steps["sl"] = tuple(every[1:])
+    """Two edges apart, one at 24 ms, a high edge in a low stretch, a slow rise that goes on, the operating point."""
+    late = 24.1485e-3
+    volts = {
+        "ed": {1e-6: 4.0, 1.001e-6: 3.8, 3e-6: 3.9, 3.0005e-6: 3.9},
+        "la": {late: 3.8, late + 7e-9: 3.8},
+        "lo": {1e-6: 3.7, 1.5e-6: 3.9, 1.501e-6: 3.9, 2e-6: 3.7},
+        "sl": {1.001e-6: 3.8, 1.5e-6: 3.9, 1.501e-6: 3.9, 2e-6: 4.0, 3e-6: 4.1, 3.0005e-6: 4.2, 3.5e-6: 4.3},
+        "st": {0.0: 3.8, 1e-6: 3.8},
+    }
+    every = sorted({time for own in volts.values() for time in own})
     said = "".join(
-        f"Instance: r_every_step Model: every_step Time: {time:g} |Vr|=1 has exceeded Bv_max=0.1\n"
-        + "".join(
-            f"Instance: m.{name} Model: nhv.7 Time: {time:g} Vgs=-{3.7 + times.index(time) / 10:g} "
-            "has exceeded Vgs_max=3.64\n"
-            for name, times in steps.items()
-            if time in times
+        "".join(
+            f"Instance: m.{name} Model: nhv.7 Time: {time:g} Vgs=-{own[time]:g} has exceeded Vgs_max=3.64\n"
+            for name, own in volts.items()
+            if time in own
         )
+        + f"Instance: r_every_step Model: every_step Time: {time:g} |Vr|={1 + time / 1e-5 % 1:g} "
+        "has exceeded Bv_max=0.1\n"
         for time in every
     )
-    said += "Instance: m.dc Model: nhv.7 Vgd=3.9 has exceeded Vgd_max=3.64\nother = 1.0\n"
-    found = spice_batch._exceeded(said)
-    assert found.keys() == {"m.ed Vgs", "m.sl Vgs", "m.st Vgs", "m.dc Vgd"}
-    # Times have six digits.
-    assert found["m.ed Vgs"] == (pytest.approx(4.0), pytest.approx(1e-9, abs=1e-12))
-    assert found["m.sl Vgs"][1] == pytest.approx(3e-6, abs=1e-12)
-    assert found["m.st Vgs"][1] == found["m.dc Vgd"][1] == float("inf")
+    found = spice_batch._exceeded(said + "other = 1.0\n")
+    expected = {
+        "ed": (4.0, 1e-9),
+        "la": (3.8, 7e-9),
+        "lo": (3.9, 1e-9),
+        "sl": (4.3, 2.499e-6),
+        "st": (3.8, math.inf),
+    }
+    assert found.keys() == {f"m.{name} Vgs" for name in expected}
+    for name, (most, longest) in expected.items():
+        # Six digits of 1.0 to 2.0 are 0.1 ns of the period of 10 us.
+        assert found[f"m.{name} Vgs"] == (pytest.approx(most), pytest.approx(longest, abs=2e-10)), name
 
 
 # What an outsider found to be overlooked: rises slower than a step.

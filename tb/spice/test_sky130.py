@@ -169,7 +169,7 @@ UNDEFINED = {"xn_low on v_missing vss vss nmos w=5 l=0.5\n": ""}
     [
         ("row_driver.sp", CLOSES_FIRST, "row_change"),
         ("level_shifter.sp", UNDEFINED, "sequencing_10us"),
-        ("conveyor.sp", {"xn_zero v_low vdd vss vss nmos w=0.6 l=6": "rzero v_low vss 1"}, "phase_margin"),
+        ("conveyor.sp", {"xn_zero v_low v_ped vss vss nmos w=0.7 l=6": "rzero v_low vss 1"}, "phase_margin"),
         ("conveyor.sp", {"w=20 l=0.5 k=50": "w=20 l=0.5 k=5"}, "overload"),
     ],
     ids=["closes first", "undefined without the core", "no zero", "a column reaches its neighbour"],

@@ -34,16 +34,19 @@ _ERROR = re.compile(
 )
 # The check of ngspice against the v.._max of a model (`.options warn=1`): a line for each device, pair and step.
 _EXCEEDED = re.compile(
-    rf"^Instance: (\S+) Model: \S+(?: Time: ({_NUMBER}))? (V\w\w)=({_NUMBER}) has exceeded.*\n",
+    rf"^Instance: (\S+) Model: \S+(?: Time: ({_NUMBER}))? \|?(V\w+)\|?=({_NUMBER}) has exceeded \w+=({_NUMBER}).*\n",
     re.MULTILINE,
 )
-# A resistor that is always beyond its limit: its lines are the times of all steps.
+_SPARE_V = 0.11
+"""A stretch this little beyond a limit has no time: 0.12 V of a class, 10 mV of them in its models."""
+# A resistor that is always beyond its limit: its line, the last one of a step, ends the step. Time has six digits,
+# 0.1 us of 20 ms; the volts have the time within 10 us, to 0.1 ns.
+_STEP, _PERIOD_S = "r_every_step", 1e-5
 _STEPS = (
     ".model every_step r bv_max=0.1",
-    "v_every_step every_step 0 1",
-    "r_every_step every_step 0 every_step 1k",
+    f"b_every_step every_step 0 v=1+time/{_PERIOD_S}-floor(time/{_PERIOD_S})",
+    f"{_STEP} every_step 0 every_step 1k",
 )
-_STEP = re.compile(rf"^Instance: r_every_step Model: \S+(?: Time: ({_NUMBER}))?.*\n", re.MULTILINE)
 _CHECKED = re.compile(r"^\.options .*\bwarn=1\b", re.MULTILINE)
 _TIME = re.compile(rf"time\s*=\s*({_NUMBER})", re.IGNORECASE)
 # ngspice takes two OpenMP threads for transistors and ignores OMP_NUM_THREADS. On a busy machine they wait for each
@@ -60,8 +63,8 @@ class Measured:
     values: Mapping[str, float]
     retries: tuple[ladder.Retry, ...]
     exceeded: Mapping[str, tuple[float, float]]
-    """Device and pair of terminals that went beyond a v.._max of its model -> largest volts, longest seconds (inf
-    where it stands)."""
+    """Device and pair of terminals that went beyond a v.._max of its model -> largest volts, longest seconds more
+    than _SPARE_V beyond (inf where it stands)."""
 
 
 @functools.cache
@@ -92,20 +95,25 @@ def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -
 
 def _exceeded(said: str) -> dict[str, tuple[float, float]]:
     """Return what `Measured.exceeded` has, from the lines of ngspice's check."""
-    times = dict.fromkeys(float(time or 0.0) for time in _STEP.findall(said))
-    number = {time: n for n, time in enumerate(times)}
     found: dict[str, tuple[float, float]] = {}
-    began: dict[str, tuple[float, float]] = {}  # the first and the last step of the stretch that goes on
-    for device, said_time, pair, volts in _EXCEEDED.findall(said):
-        name, time = f"{device} {pair}", float(said_time or 0.0)
-        begin, before = began.get(name, (time, time))
-        # A step between them at which it was not beyond ends a stretch.
-        if number.get(time, 0) - number.get(before, 0) > 1:
-            begin = time
-        began[name] = begin, time
+    began: dict[str, float] = {}  # when the stretch of a device and pair that goes on began
+    beyond: set[str] = set()  # of this step
+    for device, said_time, pair, volts, limit in _EXCEEDED.findall(said):
+        if device == _STEP:
+            fine = (abs(float(volts)) - 1.0) * _PERIOD_S
+            time = fine + _PERIOD_S * round((float(said_time or 0.0) - fine) / _PERIOD_S)
+            began = {name: began.get(name, time) for name in beyond}
+            for name, begin in began.items():
+                most, longest = found[name]
+                # What the operating point has stands.
+                found[name] = most, max(longest, time - begin if begin else math.inf)
+            beyond = set()
+            continue
+        name, size = f"{device} {pair}", abs(float(volts))
         most, longest = found.get(name, (0.0, 0.0))
-        # What the operating point has stands.
-        found[name] = max(most, abs(float(volts))), max(longest, time - begin if begin else math.inf)
+        found[name] = max(most, size), longest
+        if size > float(limit) + _SPARE_V:
+            beyond.add(name)
     return found
 
 
@@ -124,7 +132,7 @@ def _attempt(
         extra += _guess(tool, deck, text, extra, limit_s)
         start = ladder.START[0]
     said, code = _ngspice(tool, deck, _with(text, extra, [start.optran]), limit_s)
-    exceeded, said = _exceeded(said), _EXCEEDED.sub("", _STEP.sub("", said))
+    exceeded, said = _exceeded(said), _EXCEEDED.sub("", said)
     if found := _ABORT.search(said):
         time = _TIME.search(said)
         steps = time is not None or "initial timepoint" in said

@@ -50,8 +50,8 @@ FAULTS = {
     "inputs_swapped": ("vfc.sp", "xcomparator agnd v_int", "xcomparator v_int agnd"),
     "switch_stuck_on": (
         "integrator.sp",
-        "xs_preset out vref on off vdd vss switch\nxs_out",
-        "xs_preset out vref vdd vss vdd vss switch\nxs_out",
+        "xs_preset out vref on_late off_late vdd vss switch",
+        "xs_preset out vref vdd vss vdd vss switch",
     ),
 }
 """File, text that occurs there once, text in its place, by kind of fault."""
@@ -215,6 +215,9 @@ REASONS = {
     r"\.xs\w+\.rail5": "the well of a switch is on vdd_d, above all of its nets",
     r"mirror\.xnot\.rail3": "1.8 V close a switch whose line lies below mid rail",
     r"channel_multi_output_conveyor\.xconveyor\.rail4": "the output that is not used ends on vref in place of agnd",
+    r"level_down\.xout\.oxide": "an inverter of 3.3 V works on 1.8 V, 0.5 ns later at ss, -40 C, 0.9",
+    r"row_sense\.xnot\.rail3": "1.8 V are a full level for level_down, which reads it",
+    r"mirror\.xc_ped\.missing": "a class at sf, 27 C, 0.9 alone: 3.79 V for 27 ns (make characterise)",
     r"xc_amp\.rail2": "the amplifier's load ends on another supply, which its loop takes away",
 }
 """Why a fault passes, by a pattern of its name."""
