@@ -218,6 +218,18 @@ def phases(plan: Plan, part: slice) -> Floats:
     return 2.0 * math.pi * turns + drive.phase_ripple_rad
 
 
+def _columns(plan: Plan) -> tuple[Floats, Floats, Floats | None, Floats | None]:
+    """Packets a clock for 1 A, largest current, `squeeze` and `lag` of `charges`, [cols] each."""
+    c = plan.converter
+    unit_a = c.k * c.i0_a
+    squeeze = lag = None
+    if c.inv_i_range_a.any() and c.gain.all():
+        squeeze = c.inv_i_range_a * np.abs(unit_a / c.gain)
+    if c.q_mirror_c.any():
+        lag = np.maximum(c.q_mirror_c / (c.i0_a / plan.timing.f_clk_hz), 1e-15)
+    return c.gain / unit_a, X_INFINITE * unit_a, squeeze, lag
+
+
 def charges_of(
     plan: Plan,
     gate_currents: GateCurrents,
@@ -247,20 +259,10 @@ def charges_of(
     ------
     slice of `cells`, charge [clocks, cells], mean [cells]; the arrays are used again.
     """
-    converter, timing, drive = plan.converter, plan.timing, plan.drive
-    omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
-    settle, gate, pause = timing.settle_clocks, timing.gate_clocks, timing.break_clocks
-    bends = gate_currents.follows_bend is not None
-    basis = _basis(pause, settle, gate, omega, bool(drive.ripple), drive.motion, bends)
-    lag = None
-    if converter.q_mirror_c.any():
-        lag = np.maximum(converter.q_mirror_c / (converter.i0_a / timing.f_clk_hz), 1e-15)
-    squeeze = None
-    if converter.inv_i_range_a.any() and converter.gain.all():
-        squeeze = converter.inv_i_range_a * np.abs(converter.k * converter.i0_a / converter.gain)
-    scratch = np.empty((settle + gate, WIDEST))
-    unit_a = converter.k * converter.i0_a
-    per_a, limit_a = converter.gain / unit_a, X_INFINITE * unit_a
+    converter, drive = plan.converter, plan.drive
+    basis = _basis_of(plan, gate_currents)
+    per_a, limit_a, squeeze, lag = _columns(plan)
+    scratch = np.empty((len(basis.mean), WIDEST))
     offset, most = converter.i_offset_a / converter.i0_a, converter.saturating_duty()
     kinds = 2 * depth + ((depth == cells[1]) | (lag is None))  # begins with the frame, or remembers nothing
     edges = [0, *(np.flatnonzero(kinds[1:] != kinds[:-1]) + 1).tolist(), kinds.size]
@@ -338,24 +340,18 @@ class Slots:
     """
 
     def __init__(self, plan: Plan, part: slice) -> None:
-        converter, timing, drive = plan.converter, plan.timing, plan.drive
+        converter, drive = plan.converter, plan.drive
         gate_currents = solve_gate(plan, part)
         if drive.ripple:
             ripple.check(plan, gate_currents)
         self.frames, self.rows, self.cols = gate_currents.follows_begin.shape
         self.coupling: Coupling | None = None
         cells = self.frames * self.cols
-        omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
-        bends = gate_currents.follows_bend is not None
-        pause, settle, gate = timing.break_clocks, timing.settle_clocks, timing.gate_clocks
-        self.basis = _basis(pause, settle, gate, omega, bool(drive.ripple), drive.motion, bends)
+        self.basis = _basis_of(plan, gate_currents)
         phase = phases(plan, part) if drive.ripple else np.zeros((self.frames, self.rows))
         sine, cosine = drive.ripple * np.sin(phase)[:, :, None], drive.ripple * np.cos(phase)[:, :, None]
 
-        unit_a = converter.k * converter.i0_a / converter.gain if converter.gain.all() else None
-        per_a = converter.gain / (converter.k * converter.i0_a)
-        limit_a = X_INFINITE * converter.k * converter.i0_a
-
+        per_a, limit_a, squeeze, lag = _columns(plan)
         terms = _terms(drive, gate_currents, sine, cosine, limit_a)
         # [rows, terms, frames and cols]
         self.terms = np.ascontiguousarray(
@@ -369,14 +365,10 @@ class Slots:
             if self.coupling is not None:
                 self.offset = self.offset + self.coupling.x.transpose(1, 0, 2).reshape(self.rows, -1)
         self._most = np.tile(converter.saturating_duty(), self.frames)
-        self._squeeze = None
-        if converter.inv_i_range_a.any() and unit_a is not None:
-            self._squeeze = np.tile(converter.inv_i_range_a * np.abs(unit_a), self.frames)
+        self._squeeze = None if squeeze is None else np.tile(squeeze, self.frames)
         self._lag = self._slow = None
-        if converter.q_mirror_c.any():
-            q_packet = converter.i0_a / timing.f_clk_hz
-            self._lag = np.tile(np.maximum(converter.q_mirror_c / q_packet, 1e-15), self.frames)
-            self._slow = np.zeros(cells)
+        if lag is not None:
+            self._lag, self._slow = np.tile(lag, self.frames), np.zeros(cells)
         self.idle = None
         if has_idle_current(plan):
             network = plan.network(0)
@@ -434,6 +426,13 @@ class Basis(NamedTuple):
     begin: Floats
     pause: int
     settle: int
+
+
+def _basis_of(plan: Plan, gate_currents: GateCurrents) -> Basis:
+    timing, drive = plan.timing, plan.drive
+    omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
+    clocks = timing.break_clocks, timing.settle_clocks, timing.gate_clocks
+    return _basis(*clocks, omega, bool(drive.ripple), drive.motion, gate_currents.follows_bend is not None)
 
 
 @functools.lru_cache(maxsize=8)
