@@ -240,7 +240,7 @@ def _speed(name: str, run: Callable[[], Any], frames: int, repeat: int, note: st
         rates.append(count / (time.perf_counter() - begin))
         cpu.append(count / (cpu_time.cpu_used_s() - cpu_begin))
     said = f"{statistics.median(cpu):.0f} a second of processor time"
-    return verdict.median(name, rates, "1/s", f"frames of 16x16 resistances over the range; {note}; {said}")
+    return verdict.median(name, rates, "1/s", f"resistances over the range; {note}; {said}")
 
 
 def engine_row(m: Measurements, name: str, frames: int, on: dict[str, Any], note: str) -> Row:
@@ -263,6 +263,8 @@ def event_rows(m: Measurements) -> Iterator[Row]:
     note = f"{len(on)} effects with their physical defaults, noise included; without {', '.join(lost)}"
     yield engine_row(m, "event.frames_per_s.ideal", 128, {}, "no effect")
     yield engine_row(m, "event.frames_per_s.all_effects", 64, on, f"{note}, which event refuses")
+    large = _runner(random_plan(16, "event", 64, auto={}, trace=True))
+    yield _speed("auto.frames_per_s.64.trace", large, 16, m.repeat, "64x64, auto with traces", SAMPLE_S)
     # Converters only: array.exponent has the cost of the network.
     small = random_plan((LARGE // 16) ** 2, "event", 16)
     note = "processor time of one frame of 256x256 over 256 of 16x16, in pairs; no effect"
@@ -376,7 +378,7 @@ SECTIONS = (
     Section(frame_rows, ("cosim.frame_s", "cosim.frame_code_error_lsb")),
     Section(closed_rows, ("closed.frames_per_s",), True),
     Section(badcrossbar_rows, BADCROSSBAR_ROWS, True),
-    Section(event_rows, ("event.frames_per_s", "event.cost_per_taxel_ratio"), True),
+    Section(event_rows, ("event.frames_per_s", "auto.frames_per_s", "event.cost_per_taxel_ratio"), True),
     Section(off_rows, ("effects_off.time_ratio",), True),
     Section(exponent_rows, ("array.exponent",), True),
     Section(rtl_rows, ("rtl.frames_per_s",), True),
