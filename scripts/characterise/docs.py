@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -49,13 +50,12 @@ def table(found: Sequence[Series], runs: Runs) -> str:
     measured = [o.measured for o in runs.outcomes.values() if o.measured is not None]
     seconds, climbed = sum(m.seconds for m in measured), sum(bool(m.rungs) for m in measured)
     failed = sum(bool(o.fault) for o in runs.outcomes.values())
-    lines = [
+    told = (
         f"{len(runs.outcomes)} runs of ngspice {spice_batch.version()}, {seconds / 60:.0f} minutes of wall clock in "
         f"ngspice, with other work beside them ({machine_line()}); "
         f"{climbed} needed a further rung of the ladder, {failed} ended as ERROR. "
-        "A row again: `dermis characterise --only sky130.ROW` and what stands under *worst*.",
-        "",
-    ]
+        "A row again: `dermis characterise --only sky130.ROW` and the condition under *worst*."
+    )
     rows = []
     for one in found:
         row, values = one.row(), one.values.values()
@@ -64,7 +64,8 @@ def table(found: Sequence[Series], runs: Runs) -> str:
         cells += [markdown.limits(row["min"], row["max"]), row["unit"], row["status"]]
         rows.append([one.name, *cells, f"`{one.worst}`" if values else ""])
     head = ("row", "least", "typical", "most", "limit", "unit", "status", "worst")
-    return "\n".join([*lines, markdown.table(head, rows, "---|--:|--:|--:|---|---|---|---")])
+    text = textwrap.fill(told, 100, break_long_words=False, break_on_hyphens=False)
+    return "\n".join([text, "", markdown.table(head, rows, "---|--:|--:|--:|---|---|---|---")])
 
 
 def _corner_lines(

@@ -282,7 +282,8 @@ class Runs:
     def __init__(self, jobs: Iterable[Job], *, fresh: bool = False) -> None:
         self.outcomes: dict[Job, Outcome] = {}
         self.todo: dict[Job, str] = {}  # with its deck
-        for job in dict.fromkeys(jobs):
+        self._jobs = list(dict.fromkeys(jobs))
+        for job in self._jobs:
             text = resolved(job.deck())
             there = None if fresh else kept(key(text))
             if there is None:
@@ -306,3 +307,5 @@ class Runs:
                 keep(key(self.todo[job]), f"{job.bench} at {job.condition}", done.value)
                 self.outcomes[job] = outcome(job, done.value)
             progress(len(self.outcomes))
+        # In the order of the jobs, whatever ended first: tables and ties do not depend on it.
+        self.outcomes = {job: self.outcomes[job] for job in self._jobs}

@@ -9,6 +9,7 @@ import shlex
 import shutil
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -73,6 +74,15 @@ def test_an_interrupted_run_goes_on_where_it_stopped() -> None:
     again.run(1, lambda done: None)
     assert set(again.outcomes) == set(jobs)
     assert not Runs(jobs).todo
+
+
+def test_outcomes_are_in_the_order_of_the_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
+    jobs = [Job("reference", Condition(celsius=celsius)) for celsius in (-40.0, 27.0, 125.0)]
+    gave_up = SimpleNamespace(fault="gave up", value=None)
+    monkeypatch.setattr(runs.workers, "run", lambda tasks, _: [(n, gave_up) for n in reversed(range(3))])
+    made = Runs(jobs)
+    made.run(1, lambda done: None)
+    assert list(made.outcomes) == jobs
 
 
 # ---- judged -----------------------------------------------------------------------------------------------------
