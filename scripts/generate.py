@@ -17,7 +17,7 @@ import click
 from dermis.chip import sky130
 from dermis.chip.spice_text import array_subckt
 from dermis.errors import InputError
-from dermis.files import write_atomic
+from dermis.files import between, write_atomic
 from dermis.report import verdict
 from dermis.scene import design as design_module
 from dermis.scene import scene
@@ -130,12 +130,7 @@ TABLES: dict[str, dict[str, Callable[[Design, Path], str]]] = {
 def _with_tables(path: str, text: str, design: Design, root: Path) -> str:
     for name, make in TABLES[path].items():
         begin, end = f"<!-- begin: {name} (written by dermis generate) -->", f"<!-- end: {name} -->"
-        if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-            allowed = f"once each, in this order: {begin} {end}"
-            raise InputError(path, f"table {name}", "(its markers)", allowed)
-        head, rest = text.split(begin)
-        tail = rest.split(end)[1]
-        text = f"{head}{begin}\n{make(design, root)}\n{end}{tail}"
+        text = between(text, begin, end, make(design, root), path, f"table {name}")
     return text
 
 

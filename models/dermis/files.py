@@ -79,12 +79,20 @@ def text_of(path: Path, allowed: str) -> str:
 def write_between(path: Path, begin: str, end: str, content: str) -> None:
     """Put text between two marks of a file, each on a line of its own; a file of build/ gets its marks here.
 
-    Raises InputError if the marks are not there, once each and in this order.
+    Raises InputError as `between` does.
     """
     text = path.read_text(encoding="utf-8") if path.exists() else ""
     if path.is_relative_to(BUILD) and begin not in text and end not in text:
         text += f"{begin}\n{end}\n"
+    write_atomic(path, between(text, begin, end, content, path, "table"))
+
+
+def between(text: str, begin: str, end: str, content: str, file: Path | str, key: str) -> str:
+    """Return a text with other content between two marks, each on a line of its own.
+
+    Raises InputError with `file` and `key` if the marks are not there, once each and in this order.
+    """
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-        raise InputError(path, "table", "(its marks)", f"once each, in this order: {begin} {end}")
+        raise InputError(file, key, "(its marks)", f"once each, in this order: {begin} {end}")
     head, rest = text.split(begin)
-    write_atomic(path, f"{head}{begin}\n{content}\n{end}{rest.split(end)[1]}")
+    return f"{head}{begin}\n{content}\n{end}{rest.split(end)[1]}"
