@@ -171,10 +171,8 @@ def area_um2(text: Mapping[str, Subckt], name: str, given: Mapping[str, float] |
         elif "diode" in device:
             total += sizes["area"] * 1e-12
         else:
-            usual = (
-                {key: float(said) for key, said in text[device].parameters.items()} if device in text else {}
-            )
-            sizes = usual | sizes
+            usual = text[device].parameters if device in text else {}
+            sizes = {key: float(said) for key, said in usual.items()} | sizes
             total += sizes["w"] * sizes["l"] * sizes.get("k", sizes.get("m", 1.0))
     return total
 

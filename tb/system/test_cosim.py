@@ -18,7 +18,7 @@ from dermis.engines import Result, closed, cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.lockstep.ngspice import Deck
 from dermis.report import comparison
-from dermis.report.waves import integrator_waves, trace
+from dermis.report.waves import integrator_waves
 from dermis.scene.design import TOPOLOGIES
 from tb.reference.ladder_circuits import LEAP
 
@@ -145,7 +145,7 @@ def test_integrators_follow_the_exact_half_to_a_microvolt(resistance_plan: MakeP
     duty = made.duty_ideal()[0]
     levels = [1.0] + [0.0] * (rows - 1) + [1.0] + [0.0] * cols
     half = ExactHalf(duty, levels, t_clk_s=t_clk, t_edge_s=cosim.Solver().t_edge_s)
-    nets = [trace(record, name) for name in ("row_select", "preset", "charge")]
+    nets = [record["trace"][name] for name in ("row_select", "preset", "charge")]
     old, edges, worst = (1, 1, 0), [], 0.0
     for clock, new in enumerate(zip(*nets, strict=True), start=1):
         half.advance(clock * t_clk, edges)

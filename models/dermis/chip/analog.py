@@ -8,10 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis.converter.vfc import W_PRESET
 from dermis.lockstep.half import Edge
-
-W_PRESET = -0.5
-"""Charge in packets while the preset is on."""
 
 
 class ExactHalf:

@@ -236,10 +236,8 @@ def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, 
 
 def _late_s(plan: Plan) -> tuple[NDArray[np.float64], float]:
     """Return how long before the clock each comparator is sampled, in s; 0 for a delay up to the second value."""
-    delay, early = (
-        np.broadcast_to(plan.converter.t_comp_delay_s, plan.cols),
-        _DELAY_POLE_CLOCKS / plan.timing.f_clk_hz,
-    )
+    delay = np.broadcast_to(plan.converter.t_comp_delay_s, plan.cols)
+    early = _DELAY_POLE_CLOCKS / plan.timing.f_clk_hz
     return np.where(delay > early, delay, 0.0), early
 
 

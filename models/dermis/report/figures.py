@@ -155,13 +155,12 @@ def transient_figure(made: Plan, result: Result, path: Path) -> None:
     """
     record = result.info["records"][0]
     time_s, v_int = waves.integrator_waves(record, made.cols)
-    charge = waves.trace(record, "charge")
+    charge, preset = record["trace"]["charge"], record["trace"]["preset"]
     delay = record["charge_delay_clocks"]
     t_clk = 1.0 / made.timing.f_clk_hz
     duty = np.minimum(made.duty_ideal()[0], 1.0)
     row = int(np.argmax(duty.sum(axis=1)))
     columns = _spread(duty[row])
-    preset = waves.trace(record, "preset")
     start = [n + 1 for n in range(1, len(preset)) if preset[n - 1] and not preset[n]][row]
     clocks = min(40, len(charge) - start)  # a short gate in the last row
     first, last = (start - 3) * t_clk, (start + clocks) * t_clk

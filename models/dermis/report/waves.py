@@ -29,11 +29,6 @@ def integrator_waves(record: dict[str, Any], cols: int) -> tuple[NDArray[np.floa
     return np.concatenate(times), np.concatenate([np.array(v) for v in volts], axis=1)
 
 
-def trace(record: dict[str, Any], name: str) -> list[int]:
-    """Return a digital net of a record, one value for each clock (see dermis.chip.bridge.Trace)."""
-    return record["trace"][name]
-
-
 def _changes(values: list[int], t_clk_ps: float, delay_clocks: float) -> Iterator[tuple[int, int]]:
     last = None
     for clock, value in enumerate(values, start=1):
@@ -52,7 +47,7 @@ def write(out: Path, made: Plan, result: Result) -> Path:
     events: list[tuple[int, str, Any]] = []
     for net in nets:
         delay = record["charge_delay_clocks"] if net == "charge" else 0.0
-        events += [(time, net, value) for time, value in _changes(trace(record, net), t_clk_ps, delay)]
+        events += [(time, net, value) for time, value in _changes(record["trace"][net], t_clk_ps, delay)]
     for column, volts in enumerate(v_int):
         events += [(round(t * 1e12), f"v_int{column}", float(v)) for t, v in zip(time_s, volts, strict=True)]
     events.sort(key=lambda event: event[0])
