@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every test shares: numpy raises on invalid operations, divisions by zero and overflows; scenes and frames."""
+"""Settings and fixtures of all tests: numpy raises on invalid operations; scenes and pressure frames."""
 
 from __future__ import annotations
 

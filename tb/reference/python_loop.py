@@ -84,7 +84,7 @@ class LateHalf(NgspiceHalf):
 
 @dataclass(frozen=True)
 class Job:
-    """What `both` runs."""
+    """Input of `both`."""
 
     plan: Plan
     half: str = "ngspice"  # or "split" by columns, or "exact"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every cocotb bench needs, and the test of any module with clk_i and rst_ni, clock by clock."""
+"""Helpers of all cocotb benches, and the test of any module with clk_i and rst_ni, clock by clock."""
 
 from __future__ import annotations
 

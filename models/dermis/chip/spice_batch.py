@@ -96,8 +96,8 @@ def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -
 def _exceeded(said: str) -> dict[str, tuple[float, float]]:
     """Return what `Measured.exceeded` has, from the lines of ngspice's check."""
     found: dict[str, tuple[float, float]] = {}
-    began: dict[str, float] = {}  # when the stretch of a device and pair that goes on began
-    beyond: set[str] = set()  # of this step
+    began: dict[str, float] = {}  # device and pair -> begin of its violation, while that lasts
+    beyond: set[str] = set()  # devices and pairs in violation at this step
     for device, said_time, pair, volts, limit in _EXCEEDED.findall(said):
         if device == _STEP:
             fine = (abs(float(volts)) - 1.0) * _PERIOD_S
@@ -105,7 +105,7 @@ def _exceeded(said: str) -> dict[str, tuple[float, float]]:
             began = {name: began.get(name, time) for name in beyond}
             for name, begin in began.items():
                 most, longest = found[name]
-                # What the operating point has stands.
+                # A violation of the operating point has no end.
                 found[name] = most, max(longest, time - begin if begin else math.inf)
             beyond = set()
             continue

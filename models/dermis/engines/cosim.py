@@ -27,7 +27,7 @@ from dermis.processes import children
 from dermis.records import Plan
 
 HONOURS, honours = netlist.HONOURS, netlist.honours
-"""Of a plan in behavioural views, and of a plan in its own."""
+"""Record fields that this engine simulates: with behavioural views, and with the views of a plan."""
 
 HONOURS_EXACT = frozenset({"g_lateral_row_s", "g_lateral_column_s"})
 """Fields of the exact analog half: its converters are ideal; laterals between ideal lines carry no current."""

@@ -166,7 +166,7 @@ def make_sensor(table: SensorTable) -> Sensor:
 
 @dataclass(frozen=True)
 class SensorState:
-    """How a sheet departs from its law; the default is a sheet that does not."""
+    """Deviations of a sheet from its law; none by default."""
 
     hysteresis: float = 0.0  # largest relative decrease of the resistance while the force falls, 0..1
     creep_per_decade: float = 0.0  # relative growth of the conductance, a factor of ten in time under load

@@ -83,11 +83,11 @@ OTHER_RAIL = {
         "vbias": ("vref",),
     },
 }
-"""Where a pin that belongs on a rail may be put: the first of these that its subcircuit has."""
+"""Kind of pin -> rail -> wrong rails for a seeded fault; the first that the subcircuit has is taken."""
 TRANSISTORS = {"nmos": "nmos_lv", "pmos": "pmos_lv", "nmos_lv": "nmos", "pmos_lv": "pmos"}
 """The transistor of the other oxide."""
 LIMIT_S, TASK_LIMIT_S = 60.0, 3600.0
-"""Of an attempt of ngspice, whose slowest bench at typical takes 9, and of all benches for a fault."""
+"""Time limits of one attempt of ngspice (the slowest bench takes 9 s) and of all benches of a fault, in s."""
 
 
 @dataclass(frozen=True)
