@@ -102,7 +102,8 @@ class Netlist:
 def run_yosys(script: Sequence[str], directory: Path, name: str, limit_s: float = YOSYS_LIMIT_S) -> str:
     """Run a Yosys script; return its output. SimulatorError if it failed, timed out or warned."""
     file, log = directory / f"{name}.ys", directory / f"{name}.log"
-    file.write_text("\n".join(script) + "\n")
+    # Paths from the root, where Yosys runs: its lines have no word with a space, which the root may have.
+    file.write_text("\n".join(script).replace(f"{ROOT}/", "") + "\n")
     log.unlink(missing_ok=True)
     try:
         run_logged([tool("yosys"), "-Q", "-T", "-s", str(file)], ROOT, log, limit_s, "Yosys")
