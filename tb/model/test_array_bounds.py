@@ -99,6 +99,32 @@ def test_bounds_from_residuals_hold_where_counted_roundings_say_too_little(
     )
 
 
+@pytest.mark.parametrize("grounded_ohm", [50.0, 80.0, 20.0])
+@pytest.mark.parametrize("offset_v", [0.0, 1e-3])
+def test_slots_that_only_walk_down_agree_with_all_of_the_array(
+    monkeypatch: pytest.MonkeyPatch, grounded_ohm: float, offset_v: float
+) -> None:
+    rng = np.random.default_rng(11)
+    g = 1 / np.exp(rng.uniform(np.log(500), np.log(1e6), (2, 37, 29)))
+    network = Network(
+        g[0], 0.5, 50.0, grounded_ohm, 20.0, g_lateral_row_s=1e-5, r_trace_row_ohm=1.0, r_trace_column_ohm=2.0,
+        v_column_offset_v=offset_v * rng.uniform(-1, 1, 29),
+    )  # fmt: skip
+    asked, chain = [], star_mesh.chain
+    monkeypatch.setattr(star_mesh, "chain", lambda *a: asked.append(a[-2]) or chain(*a))
+    fast = column_currents(network, g)
+    monkeypatch.setattr(array_module, "_COUNTED_ENOUGH", 0.0)
+    slow = column_currents(network, g)
+    assert asked[0] == (grounded_ohm < 50.0 or (offset_v > 0.0 and grounded_ohm > 50.0))
+    assert asked[-1]
+    np.testing.assert_allclose(fast, slow, rtol=1e-12, atol=1e-12 * np.abs(slow).max())
+
+
+def test_more_columns_than_the_compiled_loops_take_are_refused() -> None:
+    with pytest.raises(ValueError, match="at most 256 columns, not 257"):
+        column_currents(Network(np.ones((1, 257)), 0.5, r_trace_column_ohm=1.0))
+
+
 # --- seeded faults: each is far below what a code shows, and is noticed -----------------------------------------------
 
 EVERYTHING: dict[str, Any] = {

@@ -165,6 +165,7 @@ def _one_thread(cols: int) -> AbstractContextManager[Any]:
 
 @functools.cache
 def _blas() -> Any:
+    import scipy.linalg.cython_blas  # noqa: F401 - that of compiled loops, which else is loaded behind the limit's back
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
@@ -469,24 +470,37 @@ def _respond_columns(network: Network, lines: star_mesh.Lines, g_ground: Floats)
     return response
 
 
-# A bound from counted roundings up to this is good enough for any code; beyond it the residuals of every drive at
-# every node are worth their time.
-_COUNTED_ENOUGH = 1e-9
+# A bound from counted roundings up to this, 5e-4 LSB, is good enough for any code, and so is an error of the currents
+# of offsets and leaks of this many times what needs no slower solve, 1e-4 LSB. Beyond either the residuals of every
+# drive at every node are worth their time.
+_COUNTED_ENOUGH = 1e-6
+_HELD_ENOUGH = 100
 
 
-def _respond_chain(network: Network, lines: star_mesh.Lines, g_ground: Floats) -> _Response:
-    """Every column line is a chain of one node a row: all drives walk up and down through the
-    inverses of blocks of one row, which are eliminated from the inputs up.
+def _respond_chain(
+    network: Network, lines: star_mesh.Lines, g_ground: Floats, every: bool = False
+) -> _Response:
+    """Every column line is a chain of one node a row: all drives walk down through the inverses of
+    blocks of one row, and if `every`, or if that is needed, up again, for bounds from residuals.
     """
+    if network.cols > star_mesh.COLUMNS:
+        raise ValueError(
+            f"with traces along the columns at most {star_mesh.COLUMNS} columns, not {network.cols}"
+        )
     g_end = _conductance(network.r_trace_column_ohm + network.r_column_ohm)
     step = float(_conductance(network.r_trace_column_ohm)) + network.g_lateral_column_s
     rows, cols, sources = network.rows, network.cols, network.cols if _held(network) else 0
     roundings = solve_error.chain(rows, cols, solve_error.elements(rows, cols, lines.bent))
-    part, most = solve_error.part(roundings, rows, cols), solve_error.balance(roundings)
+    # A lift is a sum of products of two currents each.
+    part, most = solve_error.part(2 * roundings, rows, cols), solve_error.balance(roundings)
+    # Two reasons to know what leaves through other rows than the own one: a return, and a slot that may cancel.
+    unlike = network.r_row_driven_ohm - network.r_row_grounded_ohm
+    every = (
+        every or part > _COUNTED_ENOUGH or network.r_return_ohm > 0 or unlike > 0 or (sources > 0 > unlike)
+    )
     found = star_mesh.chain(
-        lines, g_ground, float(network.g_lateral_row_s), step, g_end, sources, part > _COUNTED_ENOUGH,
-        _CURRENT_FLOOR_A / most,
-    )  # fmt: skip
+        lines, g_ground, float(network.g_lateral_row_s), step, g_end, sources, every, _CURRENT_FLOOR_A / most
+    )
     # |inverse| |matrix| 1 is at most twice the voltages under what each node would pass on at 1 V.
     solve_error.current().take(condition=float(2.0 * found.largest.max()))
     _accept(found.missed, "at a node", most)
@@ -512,6 +526,8 @@ def _respond_chain(network: Network, lines: star_mesh.Lines, g_ground: Floats) -
         between = g_end[:, np.newaxis] * across
         own, response.mesh = np.diagonal(across, axis1=1, axis2=2), (between, ground)
         response.held = _held_currents(network, between, ground, own, between_part, ground_part, most)
+        if not every and (response.held[1] > _HELD_ENOUGH * solve_error.current().tolerance_a(cols)).any():
+            return _respond_chain(network, lines, g_ground, every=True)
     return response
 
 

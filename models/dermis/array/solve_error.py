@@ -64,14 +64,14 @@ def chain(rows: int, cols: int, per_element: float) -> float:
     into the next.
 
     As `one_matrix` with cols nodes in each of the blocks still to come, to which a block under
-    elimination has as many links again; going back inside a block and folding it rounds what the
-    next one gets once more.
+    elimination has as many links again; the inverse, a sum over its nodes, and folding it round what
+    the next one gets once more.
     """
     m = np.arange(1, cols + 1)
     left = cols * np.arange(rows)
-    steps = (2 * (m[:, np.newaxis] + left + 1) * (m[:, np.newaxis] + 4)).sum()
-    folds = (2 * (left + 1) * ((m + 2).sum() + 2 * cols + 6)).sum()
-    return float(steps + folds + 2 * (rows * cols + 1) * per_element + rows * ((m + 2).sum() + 2 * cols + 6))
+    steps = (2 * (m[:, np.newaxis] + left + 1) * (m[:, np.newaxis] + 5)).sum()
+    folds = (2 * (left + 1) * (3 * cols + 10)).sum()
+    return float(steps + folds + 2 * (rows * cols + 1) * per_element + rows * (3 * cols + 10))
 
 
 def part(voltage: float, rows: int, cols: int) -> float:

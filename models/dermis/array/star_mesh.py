@@ -174,78 +174,124 @@ def miss(left, right, floor):  # type: ignore
 
 
 @_compiled
-def _add_product(out, factor, a, b):  # type: ignore
-    """out += factor * a b; four rows of b at once, so that `out` is touched less."""
-    inner = a.shape[1]
-    whole = inner - inner % 4
-    for i in range(a.shape[0]):
-        row = out[i]
-        for k in range(0, whole, 4):
-            a0, a1, a2, a3 = (
-                factor * a[i, k], factor * a[i, k + 1], factor * a[i, k + 2], factor * a[i, k + 3]
-            )  # fmt: skip
-            for q in range(row.size):
-                row[q] += (a0 * b[k, q] + a1 * b[k + 1, q]) + (a2 * b[k + 2, q] + a3 * b[k + 3, q])
-        for k in range(whole, inner):
-            a0 = factor * a[i, k]
-            for q in range(row.size):
-                row[q] += a0 * b[k, q]
+def _sum(values):  # type: ignore
+    """Sum in four parts, which do not wait for each other."""
+    s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+    whole = values.size - values.size % 4
+    for j in range(0, whole, 4):
+        s0 += values[j]
+        s1 += values[j + 1]
+        s2 += values[j + 2]
+        s3 += values[j + 3]
+    for j in range(whole, values.size):
+        s0 += values[j]
+    return (s0 + s1) + (s2 + s3)
+
+
+COLUMNS = 256
+"""Most columns of arrays with resistive column lines."""
+
+# Nodes of a block come in whole eights, and so do the columns that a loop changes: the length of a vector.
+# Loops may run into columns that nobody reads. One stride that the compiler knows spares it the question which of
+# eight rows overlap.
+_EIGHT = 8
+_STRIDE = 2 * COLUMNS + 2 * _EIGHT
 
 
 @_compiled
-def _invert(work, pivot, weights, out):  # type: ignore
-    """Inverse of one block: `work` [n, n + 1 + n] holds links, ground, and one unit of current a
-    node.
+def _take_in(to, i, at, work, inverse, k, low, high):  # type: ignore
+    """Rows i .. i + 3 of `to` take in nodes k .. k + 3 of `work`, by their links in columns at .. at + 3.
 
-    Row i takes in all nodes before it at once, four at a time, and of their units only those there
-    are.
+    Columns low .. high - 1 change; `inverse` has one over each pivot.
     """
-    n = out.shape[0]
-    for i in range(n):
-        for k in range(i):
-            weights[k] = work[k, i] / pivot[k]
-        whole = i - i % 4
-        last = n + 1 + i
-        for k in range(0, whole, 4):
-            w0, w1, w2, w3 = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
-            for j in range(i + 1, last):
-                work[i, j] += (w0 * work[k, j] + w1 * work[k + 1, j]) + (
-                    w2 * work[k + 2, j] + w3 * work[k + 3, j]
-                )
-        for k in range(whole, i):
-            w0 = weights[k]
-            for j in range(i + 1, last):
-                work[i, j] += w0 * work[k, j]
-        total = 0.0
-        for j in range(i + 1, n + 1):
-            total += work[i, j]
-        pivot[i] = total
-    # The inverse is symmetric: what is to the right of the diagonal is known from the rows below.
-    for i in range(n - 1, -1, -1):
-        known = i + 1
-        for q in range(known):
-            out[i, q] = work[i, n + 1 + q]
-        whole = i + 1 + (n - i - 1) // 4 * 4
-        for k in range(i + 1, whole, 4):
-            w0, w1, w2, w3 = work[i, k], work[i, k + 1], work[i, k + 2], work[i, k + 3]
-            for q in range(known):
-                out[i, q] += (w0 * out[k, q] + w1 * out[k + 1, q]) + (w2 * out[k + 2, q] + w3 * out[k + 3, q])
-        for k in range(whole, n):
-            w0 = work[i, k]
-            for q in range(known):
-                out[i, q] += w0 * out[k, q]
-        for q in range(known):
-            out[i, q] /= pivot[i]
-        for q in range(i):
-            out[q, i] = out[i, q]
-
-
-# Drives of `chain`: all rows at once, the measure of residuals, then one a row, then perhaps one a column's source.
-TOGETHER, MEASURE, ROWS = 0, 1, 2
+    p0, p1, p2, p3 = inverse[k], inverse[k + 1], inverse[k + 2], inverse[k + 3]
+    w = work[k * _STRIDE + at : (k + 3) * _STRIDE + at + 4]
+    a0, a1, a2, a3 = w[0] * p0, w[_STRIDE] * p1, w[2 * _STRIDE] * p2, w[3 * _STRIDE] * p3
+    b0, b1, b2, b3 = w[1] * p0, w[_STRIDE + 1] * p1, w[2 * _STRIDE + 1] * p2, w[3 * _STRIDE + 1] * p3
+    c0, c1, c2, c3 = w[2] * p0, w[_STRIDE + 2] * p1, w[2 * _STRIDE + 2] * p2, w[3 * _STRIDE + 2] * p3
+    d0, d1, d2, d3 = w[3] * p0, w[_STRIDE + 3] * p1, w[2 * _STRIDE + 3] * p2, w[3 * _STRIDE + 3] * p3
+    t, w = (
+        to[i * _STRIDE + low : (i + 3) * _STRIDE + high],
+        work[k * _STRIDE + low : (k + 3) * _STRIDE + high],
+    )
+    for j in range(high - low):
+        b, c, d = j + _STRIDE, j + 2 * _STRIDE, j + 3 * _STRIDE
+        x0, x1, x2, x3 = w[j], w[b], w[c], w[d]
+        t[j] = t[j] + a0 * x0 + a1 * x1 + a2 * x2 + a3 * x3
+        t[b] = t[b] + b0 * x0 + b1 * x1 + b2 * x2 + b3 * x3
+        t[c] = t[c] + c0 * x0 + c1 * x1 + c2 * x2 + c3 * x3
+        t[d] = t[d] + d0 * x0 + d1 * x1 + d2 * x2 + d3 * x3
 
 
 @_compiled
-def _misses(v, out, lines, f, share, lateral, step, end, floor):  # type: ignore
+def _invert(work, inverse, half, out):  # type: ignore
+    """Inverse of one block of nodes, four at a time and the last ones first.
+
+    Parameters
+    ----------
+    work : [m _STRIDE]
+        Rows of a node each: one unit of current a node, filled in here; conductance to ground in column m; from
+        column m + 8 the links to the nodes before. m are the nodes in whole eights.
+    inverse, half : [m], [m _STRIDE]
+        Room to work in.
+    out : [n, n]
+        The inverse.
+    """
+    n, m = out.shape[0], inverse.size
+    links = m + _EIGHT
+    weights, outside = np.empty((4, 4)), np.empty(4)
+    for i in range(m):
+        first = i * _STRIDE + i - i % _EIGHT
+        work[first : i * _STRIDE + m] = 0.0
+        work[i * _STRIDE + i] = 1.0
+        half[first : i * _STRIDE + m] = 0.0
+    for i in range(m - 4, -1, -4):
+        for k in range(m - 4, i, -4):
+            high = links + (i + 4 + _EIGHT - 1) // _EIGHT * _EIGHT
+            _take_in(work, i, links + i, work, inverse, k, k - k % _EIGHT, high)
+        # The four take in each other: links among them, and sums of what they have outside, which pivots need.
+        for a in range(3, -1, -1):
+            row = work[(i + a) * _STRIDE : (i + a + 1) * _STRIDE]
+            total = row[m] + _sum(row[links : links + i])
+            for k in range(3, a, -1):
+                later = work[(i + k) * _STRIDE : (i + k + 1) * _STRIDE]
+                weights[a, k] = later[links + i + a] * inverse[i + k]
+                for j in range(links + i, links + i + a):
+                    row[j] += weights[a, k] * later[j]
+                total += weights[a, k] * outside[k]
+            outside[a] = total
+            for j in range(links + i, links + i + a):
+                total += row[j]
+            inverse[i + a] = 1.0 / total
+        # Then all that is outside.
+        w01, w02, w03, w12, w13, w23 = (
+            weights[0, 1], weights[0, 2], weights[0, 3], weights[1, 2], weights[1, 3], weights[2, 3]
+        )  # fmt: skip
+        low, high = i - i % _EIGHT, links + i
+        rows = work[i * _STRIDE + low : (i + 3) * _STRIDE + high]
+        for j in range(high - low):
+            b, c, d = j + _STRIDE, j + 2 * _STRIDE, j + 3 * _STRIDE
+            x3 = rows[d]
+            x2 = rows[c] + w23 * x3
+            x1 = rows[b] + w12 * x2 + w13 * x3
+            rows[j], rows[b], rows[c] = rows[j] + w01 * x1 + w02 * x2 + w03 * x3, x1, x2
+    # The inverse is the units' own matrix once all nodes are gone.
+    for i in range(0, m, 4):
+        for k in range(0, i + 4, 4):
+            _take_in(half, i, i, work, inverse, k, i - i % _EIGHT, m)
+    for i in range(n):
+        for j in range(i, n):
+            out[i, j] = half[i * _STRIDE + j]
+            out[j, i] = half[i * _STRIDE + j]
+
+
+# Drives of `chain`: all rows at once, the measure of residuals, what each node leaks to ground, then one a row,
+# then perhaps one a column's source.
+TOGETHER, MEASURE, LEAKS, ROWS = 0, 1, 2, 3
+
+
+@_compiled
+def _misses(v, out, leak, lines, f, share, lateral, step, end, floor):  # type: ignore
     """Check Kirchhoff's law at every node under the drives of `v` [rows, drives, n].
 
     Returns of every drive the largest miss in volt and the largest voltage, and of TOGETHER the
@@ -291,6 +337,7 @@ def _misses(v, out, lines, f, share, lateral, step, end, floor):  # type: ignore
             came[i, TOGETHER] += to_driver[i]
             if drives > ROWS:
                 came[i, MEASURE] += out[r, i]
+                came[i, LEAKS] += leak[r, i]
                 came[i, ROWS + r] += to_driver[i]
             if drives > ROWS + rows and r == rows - 1:
                 came[i, ROWS + rows + i] += end[i]
@@ -305,23 +352,43 @@ def _misses(v, out, lines, f, share, lateral, step, end, floor):  # type: ignore
 
 
 @_compiled
-def _leaves(away, v, above, leak, end, every):  # type: ignore
+def _leaves(away, v, leak, end):  # type: ignore
     """Compute what of every drive leaves to ground, as `chain` has it in `away`."""
     rows, drives, n = v.shape
-    flow = np.empty(n)
     for q in range(drives):
-        # Rows above a driven one are solved only if `every`; what leaves there, `above` knows as well.
-        first = 0 if every or q < ROWS else min(q - ROWS, rows - 1)
-        for i in range(n):
-            flow[i] = above[first, i] * v[first, q, i]
-        for r in range(first, rows):
+        total = 0.0
+        for r in range(rows):
             if q != ROWS + r:
                 for i in range(n):
-                    flow[i] += leak[r, i] * v[r, q, i]
+                    total += leak[r, i] * v[r, q, i]
         if q < ROWS + rows:
             for i in range(n):
-                flow[i] += end[i] * v[rows - 1, q, i]
-        away[q] = flow.sum()
+                total += end[i] * v[rows - 1, q, i]
+        away[q] = total
+
+
+@_compiled
+def _links(work, first, out, beside, lines, f, r, share, lateral):  # type: ignore
+    """Write the links of row r to the nodes before each into `work`, from column `first`, and add their sums to
+    `out`; `beside` [n] is room to work in.
+    """
+    to_driver = lines.to_driver[f, r]
+    g, pass_on, seen = lines.g[f, r], lines.pass_on[f, r], lines.seen[f, r]
+    beside[:] = 0.0
+    for j in range(out.size):
+        row = work[j * _STRIDE + first : j * _STRIDE + first + j]
+        through, kept, own = share[j], pass_on[j], g[j]
+        for i in range(j):
+            beside[i] *= kept
+            row[i] = to_driver[i] * through + beside[i] * own
+            out[i] += row[i]
+        out[j] += _sum(row)
+        if lines.bent:
+            beside[j] = own * seen[j]
+        if j > 0:
+            row[j - 1] += lateral
+            out[j - 1] += lateral
+            out[j] += lateral
 
 
 class Chain(NamedTuple):
@@ -348,8 +415,9 @@ def chain(lines, g_ground, lateral, step, end, sources, every, floor):  # type: 
 
     Drives come in this order: TOGETHER is the sum of all rows and checks them; MEASURE injects into
     every node what it would pass on at 1 V, all that leaves it, and its voltages turn residuals into
-    errors; from ROWS one a row; then of as many columns as `sources`, none or all, the source
-    at 1 V.
+    errors; LEAKS injects what a node's row lets to ground, and what of it goes down is what a node below
+    sees of all rows above; from ROWS one a row; then of as many columns as `sources`, none or all, the
+    source at 1 V.
 
     Parameters
     ----------
@@ -360,85 +428,91 @@ def chain(lines, g_ground, lateral, step, end, sources, every, floor):  # type: 
     end : [cols]
         Conductance behind the last row.
     every : bool
-        Solve every drive in all rows, and compute `volt`.
+        Solve every drive in all rows, and compute `volt`. Otherwise `away` is the difference between what a driver
+        sends and what its own row takes.
     """
     frames, rows, n = lines.g.shape
     first = ROWS + rows
     drives = first + sources
     node, lift, largest = np.empty((frames, rows)), np.empty((frames, rows)), np.zeros(frames)
-    away, last = np.empty((frames, drives)), np.empty((frames, drives, n))
+    away, last = np.zeros((frames, drives)), np.empty((frames, drives, n))
     volt = np.empty((frames if every else 0, drives))
-    link, beside = np.empty((n, n)), np.empty(n)
-    # Part of a driver's node that each column sees, and what it leaks to ground.
-    share, leak = np.empty((rows, n)), np.empty((rows, n))
-    work, pivot, weights = np.empty((n, 2 * n + 1)), np.empty(n), np.empty(n)
-    z, v, out = np.empty((rows, n, n)), np.empty((rows, drives, n)), np.empty((rows, n))
-    # Conductance to ground of all that lies above each row.
-    above = np.zeros((rows + 1, n))
-    # What a row adds: the first two drives', and what its conductance to ground takes.
-    fresh, here = np.empty((ROWS + 1, n)), np.empty((ROWS + 1, n))
+    m = (n + _EIGHT - 1) // _EIGHT * _EIGHT
+    links = m + _EIGHT
+    work, half, inverse = np.zeros(m * _STRIDE), np.empty(m * _STRIDE), np.empty(m)
+    # Part of a driver's node that each column sees, what it leaks to ground, what leaves a node at 1 V.
+    share, leak, out = np.empty((rows, n)), np.empty((rows, n)), np.empty((rows, n))
+    z, v = np.empty((rows, n, n)), np.zeros((rows, drives, n))
+    current, added, room = np.zeros((drives, n)), np.empty((drives, n)), np.empty(n)
+    power = np.empty(rows)
     worst = 0.0
     for f in range(frames):
+        power[:] = 0.0
         # Downwards: block r with all above it folded in, inverted; currents folded into the row below.
         for r in range(rows):
-            to_driver = lines.to_driver[f, r]
-            node[f, r] = g_ground[r] + to_driver.sum()
-            for j in range(n):
-                share[r, j] = to_driver[j] / node[f, r] if node[f, r] > 0.0 else 0.0
-                leak[r, j] = g_ground[r] * share[r, j]
-                for i in range(j):
-                    link[j, i] = to_driver[i] * share[r, j]
-            if lines.bent:
-                _add_between(link, lines.g[f, r], lines.pass_on[f, r], lines.seen[f, r], beside)
-            for j in range(n):
-                below = step if r < rows - 1 else end[j]
-                fresh[ROWS, j] = leak[r, j] + above[r, j]
-                out[r, j] = to_driver[j] * share[r, j] + leak[r, j] + (step if r > 0 else 0.0) + below
-                work[j, n] = fresh[ROWS, j] + below
-                link[j, j] = 0.0
-                if j > 0:
-                    link[j, j - 1] += lateral
-                for i in range(j):
-                    link[i, j] = link[j, i]
+            to_driver, known = lines.to_driver[f, r], ROWS + r + 1
+            node[f, r] = g_ground[r] + _sum(to_driver)
+            for q in range(known):
+                for i in range(n):
+                    current[q, i] = step * v[r - 1, q, i] if r > 0 and q < known - 1 else 0.0
             for i in range(n):
-                for j in range(n):
-                    out[r, j] += link[i, j]
-                    work[i, j] = link[i, j] + (step * z[r - 1, i, j] * step if r > 0 else 0.0)
-                    work[i, n + 1 + j] = 0.0
-                work[i, n + 1 + i] = 1.0
-            _invert(work, pivot, weights, z[r])
-            # Element by element, here and below: numba compiles an assignment of arrays for two seconds.
-            for i in range(n):
-                fresh[MEASURE, i], fresh[TOGETHER, i] = out[r, i], to_driver[i]
-            here[:] = 0.0
-            _add_product(here, 1.0, fresh, z[r])
-            v[r, : drives if every else ROWS + r] = 0.0
+                share[r, i] = to_driver[i] / node[f, r] if node[f, r] > 0.0 else 0.0
+                leak[r, i] = g_ground[r] * share[r, i]
+                below = step if r < rows - 1 else end[i]
+                out[r, i] = to_driver[i] * share[r, i] + leak[r, i] + (step if r > 0 else 0.0) + below
+                current[LEAKS, i] += leak[r, i]
+                work[i * _STRIDE + m] = current[LEAKS, i] + below
+            for i in range(n, m):
+                work[i * _STRIDE + m] = 1.0
+            _links(work, links, out[r], room, lines, f, r, share[r], lateral)
             if r > 0:
-                _add_product(v[r, : ROWS + r], step, v[r - 1, : ROWS + r], z[r])
+                for i in range(n):
+                    for j in range(i):
+                        work[i * _STRIDE + links + j] += step * z[r - 1, i, j] * step
+            _invert(work, inverse, half, z[r])
             for i in range(n):
-                v[r, MEASURE, i] += here[MEASURE, i]
-                v[r, TOGETHER, i] += here[TOGETHER, i]
-                v[r, ROWS + r, i] = here[TOGETHER, i]
-                above[r + 1, i] = step * here[ROWS, i]
+                current[TOGETHER, i] += to_driver[i]
+                current[MEASURE, i] += out[r, i]
+                current[ROWS + r, i] = to_driver[i]
+            np.dot(current[:known], z[r], v[r, :known])
+            v[r, known:] = 0.0
+            for q in range(r + 1):
+                for i in range(n):
+                    room[i] = current[ROWS + q, i] * v[r, ROWS + q, i]
+                power[q] += _sum(room)
         for q in range(sources):
             for i in range(n):
                 v[rows - 1, first + q, i] = end[q] * z[rows - 1, q, i]
-        # Upwards: what the rows below add; to rows above a driven one only where residuals are asked for.
+        # Upwards: what the rows below add.
+        upwards = drives if every else MEASURE + 1
         for r in range(rows - 2, -1, -1):
-            known = drives if every else ROWS + r + 1
-            _add_product(v[r, :known], step, v[r + 1, :known], z[r])
-        for r in range(rows):
-            total = 0.0
-            for i in range(n):
-                largest[f] = max(largest[f], v[r, MEASURE, i])
-                total += lines.to_driver[f, r, i] * v[r, ROWS + r, i]
-            lift[f, r] = total / node[f, r] if node[f, r] > 0.0 else 0.0
+            for q in range(upwards):
+                for i in range(n):
+                    current[q, i] = step * v[r + 1, q, i]
+            np.dot(current[:upwards], z[r], added[:upwards])
+            for q in range(upwards):
+                for i in range(n):
+                    v[r, q, i] += added[q, i]
         for q in range(drives):
             for i in range(n):
                 last[f, q, i] = v[rows - 1, q, i]
-        _leaves(away[f], v, above, leak, end, every)
+        for r in range(rows):
+            if every:
+                for i in range(n):
+                    room[i] = lines.to_driver[f, r, i] * v[r, ROWS + r, i]
+                power[r] = _sum(room)
+            lift[f, r] = power[r] / node[f, r] if node[f, r] > 0.0 else 0.0
+            away[f, ROWS + r] = max(_sum(lines.to_driver[f, r]) - g_ground[r] * lift[f, r], 0.0)
+            for i in range(n):
+                largest[f] = max(largest[f], v[r, MEASURE, i])
+        for q in range(sources):
+            for i in range(n):
+                # What the last row sees of the rows above, and its own leak, is still there.
+                away[f, first + q] += current[LEAKS, i] * last[f, first + q, i]
+        if every:
+            _leaves(away[f], v, leak, end)
         missed, most, relative = _misses(
-            v[:, : drives if every else 1], out, lines, f, share, lateral, step, end, floor
+            v[:, : drives if every else 1], out, leak, lines, f, share, lateral, step, end, floor
         )
         worst = max(worst, relative)
         for i in range(n):
