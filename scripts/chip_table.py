@@ -7,8 +7,6 @@ IEEE Std 1241 defines them: gain and offset are those of the line through both e
 network taken out, calibrated with one taxel. ENOB adds the noise of a code to its error over the range.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence

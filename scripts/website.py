@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build the documentation as a site: docs/, and pages of commands, library, design, results."""
 
-from __future__ import annotations
-
 import csv
 import inspect
 import itertools

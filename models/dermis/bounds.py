@@ -6,8 +6,6 @@ numba. An effect that engine `closed` honours has no error here. One without a b
 open.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The errors a run may end with, and the exit code of each."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.metadata
 import importlib.util

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fields of the records that effects write: a field at its default is the ideal."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Directories: the data that the package reads, and the output of its commands."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a scene to a plan: frames, records of network and converter, effects with their reasons."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

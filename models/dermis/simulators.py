@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Forces for `Skin.read` from the tactile sensors of MuJoCo; mujoco itself is not imported."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

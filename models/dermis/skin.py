@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sensor layer for robot simulators: forces to codes and codes to forces, in compiled loops."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor

@@ -7,8 +7,6 @@ valid), how it is solved, and the version of ngspice. One file a result, so that
 share them and a killed one loses what it was running, no more.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -6,8 +6,6 @@ change. The SVG has searchable text; that of xschem itself has letters as stroke
 and lines without width.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Mapping

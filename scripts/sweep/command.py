@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis sweep`: resistance against frequency for the four interfaces, csv and figures."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

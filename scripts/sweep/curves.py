@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Curves of `dermis sweep`: frequency against resistance from Verilog and ngspice, and both laws."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import re

@@ -11,8 +11,6 @@ by a constant must never leave it. A bit without a partner is free, so the proof
 values. (Yosys' own `equiv_induct` knows neither clocks nor asynchronous resets.)
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence

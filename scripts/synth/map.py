@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mapping of rtl/ to the cells of a library with Yosys, and the contents of the netlist."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares codes and processor time of [effects] auto with engine event and everything on, over many scenes."""
 
-from __future__ import annotations
-
 import random
 import statistics
 import tempfile

@@ -8,8 +8,6 @@ intersection of what 16 gates next to each other allow. docs/howto_calibrate.md 
 for firmware.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from typing import Any

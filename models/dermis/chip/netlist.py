@@ -6,8 +6,6 @@ that is off leaves no element behind. Every number is formatted from a float and
 here: no text of a scene reaches a deck.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 

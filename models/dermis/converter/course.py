@@ -6,8 +6,6 @@ mean of such a function over a clock is known in closed form, so nothing is samp
 effects never comes here.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decide cells, compiled: from currents to levels and their error bounds to codes, or to cells that stay open."""
 
-from __future__ import annotations
-
 import math
 from collections import namedtuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Charge that capacitances bring into converters: upper bounds, not a simulation."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

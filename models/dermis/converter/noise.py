@@ -12,8 +12,6 @@ the end of the gate, then in the middle, each with the variance that is left. Th
 so needs log2 of the clocks in numbers, and no other clock.
 """
 
-from __future__ import annotations
-
 import math
 
 import numba

@@ -3,8 +3,6 @@
 (converter.course).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -10,8 +10,6 @@ clock adds, and
 starting from w0 = -1/2 when the preset is released (docs/scenes.md, "Converter convention").
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

@@ -9,8 +9,6 @@ makes the input change inside a gate, its mean over each clock takes the place o
 (converter.course); noise is drawn only where it can change a decision (dermis.converter.noise).
 """
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass, fields
 from typing import NamedTuple

@@ -12,8 +12,6 @@ within noise of its level, a comparator inside its window, a charge at a limit) 
 computed afterwards, one at a time.
 """
 
-from __future__ import annotations
-
 import math
 
 import numba

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solve the array backwards: from column currents to the conductance of every taxel."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decode codes into duty, resistance and force, with the step of each code."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

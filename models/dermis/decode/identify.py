@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identify chip, network, sheet and memory from measurements, each with its uncertainty."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

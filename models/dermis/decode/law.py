@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The law of a sheet for decoding: force as a function of conductance, known or fitted."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

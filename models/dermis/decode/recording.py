@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read a recording of any tactile array, from a text to a ROS 2 bag, with time, units and missing taxels."""
 
-from __future__ import annotations
-
 import contextlib
 import gzip
 import io

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of text: marks, names of columns, frames with boundaries, and exports of Tekscan and XSENSOR."""
 
-from __future__ import annotations
-
 import codecs
 import contextlib
 import csv

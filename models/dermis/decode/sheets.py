@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hysteresis and creep of many sheets as streams: a few numbers a taxel instead of a state for every rate."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -6,8 +6,6 @@ numbers, so its codes are those that it has in a run of the whole plan, however 
 and whoever runs them.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import itertools

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The closed engine: one array solve a frame and the exact pulse-count formula."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -4,8 +4,6 @@
 In a scene with auto the chip scans only the rows that engine event leaves open (masking.py).
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

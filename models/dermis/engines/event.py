@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The event engine: the charge balance of every taxel clock by clock, exact between clocks, no time step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -6,8 +6,6 @@ codes can no longer change. The others are counted by engine event with everythi
 event, for random numbers depend on the cell alone (docs/auto.md).
 """
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Callable

@@ -6,8 +6,6 @@ ngspice may differ, or if engine event gives the same code with its levels moved
 much. A row of decided cells needs no circuit simulator (docs/auto.md).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis read`: a recording through the chip, and back into forces."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import json

@@ -6,8 +6,6 @@ of its effects. These lines replace `[effects] extracted` while a scene is read,
 them like effects written by hand.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Mapping

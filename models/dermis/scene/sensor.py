@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The taxel: resistance from force, force from resistance, and the spread of a sheet."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path

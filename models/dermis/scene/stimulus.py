@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stimulus of a scene: its [stimulus] tables, and the frames that they describe."""
 
-from __future__ import annotations
-
 import array as arrays
 import io
 import math
@@ -616,7 +614,7 @@ def _is_number(cell: str) -> bool:
     return "_" not in cell and _extended(arrays.array("d"), [cell])
 
 
-def _extended(values: arrays.array[float], cells: list[str]) -> bool:
+def _extended(values: arrays.array, cells: list[str]) -> bool:
     """Append numbers; return False if one of them is none."""
     try:
         values.extend(map(float, cells))

@@ -6,8 +6,6 @@ seeded noise, a straight line removes gain and offset as a calibration would, an
 compared with that of an ideal quantiser, a step / sqrt(12).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import operator

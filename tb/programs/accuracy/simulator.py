@@ -7,8 +7,6 @@ of the method's own digital side. Frames of 16 x 16 resistances with eight effec
 difference of the codes from a reference in 50 digits (tb/reference/frame.py). Times are processor times.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools

@@ -5,8 +5,6 @@ Errors have limits, speeds have aims; docs/benchmarks.md explains each row. A fa
 is an ERROR row, and the others are still made.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

@@ -4,8 +4,6 @@
 The HDL simulator loads this module again as the cocotb test.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import pickle

@@ -6,8 +6,6 @@ and is compared with the same exact solution for the charge pulses of its own di
 with ngspice; the others are measured if they are installed.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import importlib.util
 import logging

@@ -5,8 +5,6 @@ A law yields COMPARED first where it applies. Laws that need further runs are as
 scenes (`ENGINES`). `judge` asks all laws about one world.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import tempfile

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The standing searches of a campaign: `auto` against event, `Skin` against simulate, intervals against the truth."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis decode`: every figure of decoding against truth, into build/decode.json."""
 
-from __future__ import annotations
-
 import dataclasses
 import tempfile
 import time

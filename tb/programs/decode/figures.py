@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figure of decoding: error maps correction by correction."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings as files of many kinds: names, orders, extra columns, gaps, times and axes, each with its truth."""
 
-from __future__ import annotations
-
 import functools
 import io
 import warnings

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables 4 and 6 of Hidalgo-Lopez et al., J. Sensors 2018, 9735741, recomputed (docs/decode.md)."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

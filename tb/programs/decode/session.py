@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibration session of a simulated sheet, written as `dermis calibrate` reads it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

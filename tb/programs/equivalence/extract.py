@@ -5,8 +5,6 @@ No bench closes the loop: the parameters predict how the loop will count, and tb
 whether it does. Every bench is the body of a deck and a function from its `.meas` to parameters.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial

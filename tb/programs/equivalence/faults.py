@@ -6,8 +6,6 @@ record, does not end, or takes a transistor outside its class: what `make charac
 made in the front end of two rows and columns; a test counts the cells of its pads (tb/spice/test_front_end.py).
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import shutil

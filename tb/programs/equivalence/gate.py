@@ -7,8 +7,6 @@ and for the event engine alike; at clock 510 it says how many counts each would 
 Two numbers less than 1 apart give codes at most 1 apart. A gate of 510 clocks says the same (docs/equivalence.md).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis faults`: commands that are disturbed, judged, and run once more."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Six disturbances of small commands that together start every kind of process of dermis."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -5,8 +5,6 @@ A target is a module target_NAME with `strategy() -> SearchStrategy[bytes]`, `pr
 with the directory of its inputs, and `run(data, place)`, which returns "taken" or "refused" or raises Finding.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import importlib

@@ -5,8 +5,6 @@ An input has HEAD bytes before the content: places in THINGS, NAMES, TABLES and 
 bytes at the end that repeat, and the power of two of the size up to which they repeat (0: not).
 """
 
-from __future__ import annotations
-
 import io
 import os
 import socket

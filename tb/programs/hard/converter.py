@@ -5,8 +5,6 @@ A code is right or wrong; where a level lies within what an engine rounds (6e-14
 sums, 1e-12 with exponentials, ngspice 1e-5: spec.toml cosim.edge_error_v), both neighbours are right.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence

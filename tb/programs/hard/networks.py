@@ -4,8 +4,6 @@
 Each runs in the solver and in engines closed and event: currents of every slot and codes are compared.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
