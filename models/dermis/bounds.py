@@ -9,11 +9,9 @@ open.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.converter.vfc import W_PRESET, Converter
-
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 # Engine event stops drawing where a decision is eight standard deviations away: it is wrong once in 1e15.
 SIGMAS = 8.0

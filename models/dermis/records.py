@@ -14,19 +14,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import effects, fields
 from dermis.array.network import Network
 from dermis.converter.vfc import Converter
+from dermis.ndarrays import Floats
 from dermis.scene.front_end import FrontEnd
 from dermis.scene.scene import Scene
 from dermis.scene.sensor import Sensor
 from dermis.scene.views import Views
 from dermis.timing import Timing as Timing
-
-Floats = NDArray[np.float64]
-
 
 ENGINES = ("closed", "event", "rtl", "cosim")
 

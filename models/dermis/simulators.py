@@ -4,9 +4,9 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 
 def touch_grid(model: Any, sensordata: ArrayLike, name: str, rows: int, cols: int) -> Floats:

@@ -23,6 +23,7 @@ from dermis.converter import vfc
 from dermis.engines import batch, cosim, event
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
+from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
 from dermis.report import comparison, verdict
 from dermis.report.verdict import Row
@@ -32,7 +33,6 @@ from scripts import cosims
 from scripts.characterise import runs
 from scripts.checkpoint import Checkpoint
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 BENCH = ROOT / "spice" / "bench" / "vfc__tran.sp"
@@ -168,7 +168,7 @@ def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -
     return Reading(*(out_of_frames(values, points) for values in (pulses, codes, period, line)))
 
 
-def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]:
+def charge_frames(record: dict[str, Any], made: Plan) -> list[Bools]:
     """Return the charge switches of a process, [clocks, cols] per frame; entry n follows edge n + 1."""
     frames, timing = len(record["codes"]) // made.rows, made.timing
     words = record["trace"]["charge"]
@@ -179,7 +179,7 @@ def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]
     return [bits[begin : begin + length] for begin in begins]
 
 
-def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Floats]:
+def find_pulses(charge: Bools, made: Plan) -> tuple[Ints, Floats, Floats]:
     """Return count and spacing in clocks (as in `Reading`) of the pulses in the gate of every row
     slot, [frames, rows, cols], from the charge switches [frames, clocks, cols].
 
@@ -229,7 +229,7 @@ class Curve:
     code_max: int
     resistance_ohm: Floats
     x: Floats  # duty, V_b / (k i0 R)
-    on_code: NDArray[np.bool_]  # x is c / gate, so there is no rounding
+    on_code: Bools  # x is c / gate, so there is no rounding
     pulses_charge_balance: Ints  # exact
     pulses_eq3: Ints  # by the paper's eq. (3)
     period_eq3_clocks: Floats

@@ -12,13 +12,13 @@ from unittest import mock
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import bounds, effects, engines
 from dermis import plan as planning
 from dermis.converter import course, decide, vfc_loops
 from dermis.engines import event, filter, masking
 from dermis.errors import InputError
+from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.report import verdict
 from dermis.report.progress import slots
@@ -26,8 +26,6 @@ from dermis.scene import scene
 from dermis.scene.scene import SCENES
 from scripts import judged
 from tb.reference import scenes
-
-Floats = NDArray[np.float64]
 
 _LONG = 200  # frames of a long scene
 REPEATS = 3  # timed runs of a scene

@@ -13,14 +13,12 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.array.array import Network, between_columns
 from dermis.converter.vfc import W_PRESET, Converter
 from dermis.errors import InputError, SimulatorError
+from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
-
-Floats = NDArray[np.float64]
 
 # Conductance of a short across a virtual ground: any integrator loses all its charge through it.
 G_ACROSS_S = 1e12
@@ -290,7 +288,7 @@ class _Columns:
         bias_v = plan.v_bias_v * (1.0 + abs(plan.drive.ripple))
         return np.minimum(given, bias_v / (converter.k * converter.i0_a))
 
-    def _meets_range(self, x: Floats, doubts: Floats) -> NDArray[np.bool_]:
+    def _meets_range(self, x: Floats, doubts: Floats) -> Bools:
         """Return True where the charge may reach its limits, given the uncertainty in LSB over a
         gate.
         """

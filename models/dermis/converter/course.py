@@ -23,9 +23,8 @@ from dermis.converter.coupling import Coupling, DutyRange, couples, coupling
 from dermis.converter.ripple import GateCurrents
 from dermis.converter.vfc import X_INFINITE, Y_MIN
 from dermis.errors import InputError, SimulatorError
+from dermis.ndarrays import Floats
 from dermis.records import Drive, Plan
-
-Floats = NDArray[np.float64]
 
 FIELDS = frozenset({"ripple", "motion", "q_mirror_c"})
 """Fields that make the charge of a clock change within a gate."""

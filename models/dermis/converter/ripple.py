@@ -7,13 +7,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.converter.vfc import X_INFINITE
 from dermis.errors import InputError
+from dermis.ndarrays import Floats
 from dermis.records import Plan
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

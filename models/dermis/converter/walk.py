@@ -24,9 +24,8 @@ from dermis.converter.ripple import GateCurrents
 from dermis.converter.vfc import W_PRESET, Converter
 from dermis.errors import SimulatorError
 from dermis.fields import FAMILIES
+from dermis.ndarrays import Floats
 from dermis.records import Plan
-
-Floats = NDArray[np.float64]
 
 RANDOM = FAMILIES["noise"]
 

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import isotonic_regression
 
 from dermis.machine_code import argument
+from dermis.ndarrays import Floats
 from dermis.scene.sensor import InverseSensor, PowerSensor
-
-Floats = NDArray[np.float64]
 
 _BISECTIONS = 200
 CONTRADICTION = 0.2

@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.decode.recording_text import Layout, Table, is_time
 from dermis.errors import InputError, optional
-
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 
 class Columns(Table):

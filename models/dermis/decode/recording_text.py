@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.errors import InputError, one_line, quoted
+from dermis.ndarrays import Floats
 from dermis.scene.stimulus import VALUES_MAX
-
-Floats = NDArray[np.float64]
 
 _WORDS = r"time|t|ts|stamp|timestamp|elapsed|zeit|(nano|micro|milli)?seconds?|minutes|hours|[nmu]?s(ecs?)?"
 _CLOCKED = rf"[%#]?(.*[./ _])?({_WORDS})"

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from dermis.decode.memory import MemoryLaw
 
-Floats = NDArray[np.float64]
-
 PULSES = 16
 """Loads that a taxel remembers one by one; of more, the two that are hardest to tell apart by now become one."""
 LOG10_E = 0.4342944819032518

@@ -23,12 +23,11 @@ from dermis.converter.ripple import GateCurrents
 from dermis.converter.vfc import code_type
 from dermis.effects import EFFECTS
 from dermis.engines import Result, event
+from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
 
 HONOURS, refuses = event.HONOURS, event.refuses
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Cells = tuple[NDArray[np.intp], ...]
 
 _VALUES_AT_ONCE = 1 << 14  # cells, as in engine event

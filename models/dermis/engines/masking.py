@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 from dermis import bounds, engines
 from dermis.array.network import Network
 from dermis.converter.vfc import Y_MIN, code_type
+from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 APART_LSB = 0.01
 """Packets by which levels of ngspice and engine event may differ: thrice what was measured (docs/cosimulation.md)."""

@@ -24,12 +24,11 @@ from dermis.converter import coupling, course, injection, walk, walk_loops
 from dermis.converter.vfc import code_type
 from dermis.engines import Result, event
 from dermis.errors import InputError, SimulatorError
+from dermis.ndarrays import Floats
 from dermis.places import ROOT
 from dermis.processes import children
 from dermis.records import Plan
 from dermis.scene.design import TOPOLOGIES
-
-Floats = NDArray[np.float64]
 
 HONOURS = netlist.HONOURS
 """Record fields that the models have, as those of SPICE: all but the random ones."""

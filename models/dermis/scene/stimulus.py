@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
 
 from dermis.errors import InputError, one_line, quoted
+from dermis.ndarrays import Floats
 from dermis.scene.schema import Strict, entry, read_bytes
 from dermis.scene.sensor import Sensor
-
-Floats = NDArray[np.float64]
 
 # 131 072 frames of 16x16; a process holds them twice in 1 GB. Longer recordings come in pieces.
 VALUES_MAX = 1 << 25

@@ -18,13 +18,13 @@ from typing import Any
 import click
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from dermis import plan as planning
 from dermis.converter.vfc import LONGEST_GATE
 from dermis.engines import event
 from dermis.errors import DermisError
 from dermis.files import write_atomic
+from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.report import verdict
 from dermis.report.figures import save
@@ -33,8 +33,6 @@ from dermis.scene import scene
 from dermis.scene.design import Design
 from scripts import judged
 from tb.programs.accuracy import simulator
-
-Floats = NDArray[np.float64]
 
 HALF = 0.5  # duty at full force
 SETTLE_S = 23e-6  # settling time of the paper's slot: 115 clocks at 5 MHz

@@ -27,10 +27,9 @@ from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.lockstep import clock_loop
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
+from dermis.ndarrays import Floats
 from dermis.records import Timing
 from scripts import workers
-
-Floats = NDArray[np.float64]
 
 JOB_VARIABLE = "DERMIS_BENCH_JOB"
 

@@ -25,9 +25,10 @@ from dermis.array.array import Network
 from dermis.chip.sources import rtl_sources
 from dermis.converter.vfc import count_rational
 from dermis.errors import SimulatorError
+from dermis.ndarrays import Floats
 from dermis.processes import children
 from tb.programs.bench import circuit as circuits
-from tb.programs.bench.circuit import OPTIONS, Circuit, Floats
+from tb.programs.bench.circuit import OPTIONS, Circuit
 from tb.programs.bench.measure import cpu_once
 
 PIP = {

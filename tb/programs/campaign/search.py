@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import dermis
 from dermis import bounds, effects, engines
@@ -16,6 +15,7 @@ from dermis import plan as planning
 from dermis.decode import decoder
 from dermis.engines import event, filter
 from dermis.errors import InputError, SimulatorError
+from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.report import verdict
 from dermis.report.progress import slots
@@ -25,8 +25,6 @@ from dermis.skin import Skin
 from scripts import workers
 from scripts.checkpoint import Checkpoint
 from tb.reference import scenes
-
-Floats = NDArray[np.float64]
 
 # ---- auto against event ------------------------------------------------------------------------------------------
 

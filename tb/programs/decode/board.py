@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tomli_w import dumps
 
+from dermis.ndarrays import Floats
 from tb.programs.decode import session
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

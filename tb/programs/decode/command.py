@@ -10,7 +10,6 @@ from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import plan as planning
 from dermis.array.array import Network, column_currents
@@ -18,14 +17,13 @@ from dermis.decode import calibration, crosstalk, identify, memory, recording
 from dermis.decode.calibration import Calibration
 from dermis.decode.decoder import SATURATED, Decoder, Forces
 from dermis.engines import closed, event
+from dermis.ndarrays import Bools, Floats
 from dermis.places import BUILD
 from dermis.records import Plan
 from dermis.report import calibrate, read, verdict
 from dermis.scene import scene as scenes
 from dermis.skin import Skin
 from tb.programs.decode import board, files, kinds, published, session
-
-Floats = NDArray[np.float64]
 
 SEED = 20_261_123
 """Seed of all that is judged here. Constants of the decoder were chosen with others: 0 to 10, 18, 19, 101 to 110."""
@@ -82,7 +80,7 @@ def identified(plan: Plan, forces_n: Floats, kind: str) -> Calibration:
         return calibration.load(Path(directory) / "sheet.toml")
 
 
-def covered(found: Forces, force: Floats) -> NDArray[np.bool_]:
+def covered(found: Forces, force: Floats) -> Bools:
     """Return True where a force lies in its interval."""
     return (found.low_n <= force * SLACK) & (force <= found.high_n * SLACK)
 

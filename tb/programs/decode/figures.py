@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from dermis import plan as planning
 from dermis.decode.calibration import Calibration
@@ -14,8 +13,6 @@ from dermis.decode.decoder import Decoder
 from dermis.engines import closed
 from dermis.report import figures
 from dermis.scene import scene
-
-Floats = NDArray[np.float64]
 
 TOUCH = {"kind": "indenter", "shape": "spherical", "force_n": 12.0, "width": 13, "length": 13}
 CHIP = {

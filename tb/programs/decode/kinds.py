@@ -23,10 +23,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dermis.errors import InputError
+from dermis.ndarrays import Floats
 from dermis.report import output
 from tb.programs.decode import files
-
-Floats = NDArray[np.float64]
 
 ROWS, COLS, COUNT = 4, 6, 20
 FRAMES: Floats = np.round(np.random.default_rng(20_261_126).uniform(0, 99, (COUNT, ROWS, COLS)), 2)

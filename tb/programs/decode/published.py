@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.array.array import Network, column_currents
 from dermis.decode import crosstalk
-
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 SERIES_OHM = 5.0
 """Fitted: the caption of table 6 does not state its Rs; 5 ohm meets all 84 cells of parts (a) and (b)."""

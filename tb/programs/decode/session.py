@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.decode.calibration import Calibration
+from dermis.ndarrays import Floats
 from dermis.skin import Skin
-
-Floats = NDArray[np.float64]
 
 T_FRAME_S = 2e-3
 

@@ -21,12 +21,11 @@ from dermis import plan
 from dermis.chip import hdl
 from dermis.converter import walk
 from dermis.engines import closed, cosim, rtl
+from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.scene import scene
 from tb.programs.hard.case import Case, Measured
 from tb.reference import exact
-
-Floats = NDArray[np.float64]
 
 COLS = 8
 """Columns of a chip of one row, so that few builds serve every case; duties fill its frames."""

@@ -10,17 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import engines, plan, records
 from dermis.array import solve_error
 from dermis.array.array import Network, column_currents
 from dermis.converter import vfc
+from dermis.ndarrays import Floats
 from dermis.scene import scene
 from tb.programs.hard.case import Case, Measured
 from tb.reference import nodal
-
-Floats = NDArray[np.float64]
 
 V_BIAS = 0.5
 K_I0_A = 80 * 12.5e-6  # column current at duty 1 in the plans of `plan_of`
