@@ -152,8 +152,6 @@ def measured(body: str, condition: Condition, blocks: Path | None = None) -> dic
     return dict(there.values)
 
 
-# ---- over conditions -----------------------------------------------------------------------------------------
-
 CELSIUS = (-40.0, 27.0, 125.0)
 SUPPLIES = (0.9, 1.0, 1.1)
 TYPICAL = Condition()

@@ -57,9 +57,6 @@ LEFT_OFF = {
 """Effects that the physical sweep leaves off, with reasons."""
 
 
-# ---- resistances ---------------------------------------------------------------------------------------------
-
-
 def resistances(points: int, design: Design) -> Floats:
     """Return the resistances of a sweep in ohm, rising from r_min_ohm to r_max_ohm, 8 or more.
 
@@ -146,9 +143,6 @@ def make_plan(
     return made
 
 
-# ---- reading ------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False)
 class Reading:
     """Measurements at some resistances, all arrays [points]."""
@@ -204,9 +198,6 @@ def find_pulses(charge: Bools, made: Plan) -> tuple[Ints, Floats, Floats]:
             period[frame, row, column] = (at[-1] - at[0]) / (at.size - 1)
             line[frame, row, column] = np.polyfit(np.arange(at.size), at, 1)[0]
     return count, period, line
-
-
-# ---- comparison ----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,9 +261,6 @@ def make_physical(made: Plan, at: Ints, reading: Reading) -> Physical:
     except InputError:
         codes = None
     return Physical(at, reading, out_of_frames(duty, at.size), codes)
-
-
-# ---- verdicts ------------------------------------------------------------------------------------------------
 
 
 def judge(curve: Curve) -> list[Row]:
@@ -389,9 +377,6 @@ def plain_ngspice(work: Path) -> list[Row]:
     ]
 
 
-# ---- the run -------------------------------------------------------------------------------------------------
-
-
 def run(
     topologies: Sequence[str], points: int, out: Path, *, with_physical: bool = True
 ) -> tuple[list[Curve], list[Row], bool]:
@@ -440,8 +425,6 @@ def _read_once(made: Plan, points: int, on_slots: Callable[[int], None], work: P
     shutil.rmtree(work)  # a successful run can be repeated from its scene
     return reading
 
-
-# ---- in transistors ------------------------------------------------------------------------------------------
 
 POINTS_TRANSISTORS = 8
 """A packet costs about 20 ms, so a point at 500 ohm takes as long as all others together."""

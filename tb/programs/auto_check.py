@@ -170,8 +170,6 @@ def rows(few: list[Outcome], many: list[Outcome], refused: list[str]) -> list[ve
     return found
 
 
-# ---- halved bounds -----------------------------------------------------------------------------------------------
-
 # A search for scenes that need the bounds of the filter: each bound, halved in turn, must give a wrong code. A scene
 # has one effect, at a strength drawn over its range, and few taxels whose duty runs through a whole code in small
 # steps, so that a level that is off by more than its bound gives a wrong code in some of them.
@@ -271,9 +269,6 @@ def halved_bounds(tries: int) -> verdict.Row:
     missed = [name for name, trial in found.items() if trial is None]
     note = f"not caught: {', '.join(missed) or 'none'}"
     return verdict.judge("auto.mutated_bounds_caught", 1.0 - len(missed) / len(found), note)
-
-
-# ---- command -----------------------------------------------------------------------------------------------------
 
 
 def _number(name: str, default: int, help: str, low: int = 0, high: int | None = None) -> Any:

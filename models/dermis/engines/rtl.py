@@ -92,9 +92,6 @@ def run(
     return Result(codes, {"simulator": simulator})
 
 
-# ---- what is built ----------------------------------------------------------------------------------------------
-
-
 def value_places(models: Path = MODELS) -> dict[str, int]:
     """Numbers of effects and run-time values, by name, from values.vh."""
     text = (models / "values.vh").read_text()
@@ -144,9 +141,6 @@ def build(
     # Listed by their paths from the root; a copy has them elsewhere.
     sources = [*rtl_sources(), *(models / path.name for path in listed(models / "files.f"))]
     return hdl.program(simulator, "skin", parameters, sources, [*rtl_include_dirs(), models], main)
-
-
-# ---- what goes in -----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,9 +275,6 @@ def run_time_values(
     for name, value in values.items():
         out[..., places[name]] = value
     return out
-
-
-# ---- what comes out ---------------------------------------------------------------------------------------------
 
 
 def simulate(

@@ -150,8 +150,6 @@ def measured(
     )
 
 
-# --- energy ----------------------------------------------------------------------------------------------------------
-
 SUPPLY_BENCH = "supply_conveyor_mirror"
 SUPPLY_QUANTITY = "supply_channel_a.conveyor_mirror"
 
@@ -194,9 +192,6 @@ def energy_rows(paper: Point) -> list[verdict.Row]:
         verdict.report(f"{name}_nj", whole, "nJ", f"{note} (ngspice, SKY130)"),
         verdict.report(f"{name}_per_bit_nj", whole / paper.bits, "nJ", each),
     ]
-
-
-# --- the study -------------------------------------------------------------------------------------------------------
 
 
 def gate_points() -> list[Point]:

@@ -114,8 +114,6 @@ def measure(methods: Sequence[Method], repeat: int) -> tuple[list[Point], list[R
     return points, failed
 
 
-# ---- one converter ------------------------------------------------------------------------------------------------
-
 LIMIT_S = 120.0
 CLOCKS = 400
 STEPS_S = (10e-9, 30e-9, 100e-9, 300e-9, 1e-6)
@@ -223,8 +221,6 @@ def order_row(work: Path, options: str = EXACT, steps_s: Sequence[float] = ORDER
     return verdict.judge("accuracy.order", min(found), note)
 
 
-# ---- frames -------------------------------------------------------------------------------------------------------
-
 EFFECTS = {
     "row_driver": True,
     "column_input": True,
@@ -276,9 +272,6 @@ def frame_methods(quick: bool) -> Iterator[Method]:
         for words, solver in some:
             options = {"simulator": simulator, "solver": solver}
             yield method(f"cosim, {simulator}", f"8 of 8 in, {words}", one, True, **options)
-
-
-# ---- results ------------------------------------------------------------------------------------------------------
 
 
 def points_csv(points: Sequence[Any]) -> str:

@@ -78,9 +78,6 @@ def machine_rows(m: Measurements) -> Iterator[Row]:
     yield busy_row("machine.busy_cores")
 
 
-# ---- one converter -----------------------------------------------------------------------------------------------
-
-
 def accuracy_rows(m: Measurements) -> Iterator[Row]:
     """Compare the integrator at the clock edges, and the count, with the exact solution."""
     kinds = {name: (Job(CIRCUIT, step, keep=True), "Icarus") for name, step in STEPS.items()}
@@ -174,9 +171,6 @@ def guest_rows(peer: str, m: Measurements) -> Iterator[Row]:
         rates.append((many - few) / (long_s - short_s))
     note = f"step 1 us, Icarus, waveform kept, without the start; {peers.PIP[peer]}"
     yield verdict.median(f"peer.{peer}.clocks_per_s", rates, "1/s", note)
-
-
-# ---- frames ------------------------------------------------------------------------------------------------------
 
 
 def frame_rows(m: Measurements) -> Iterator[Row]:
@@ -354,9 +348,6 @@ def setup_rows(m: Measurements) -> Iterator[Row]:
         children.run_logged(command, m.work, log, 900, "make setup", {"MAKEFLAGS": ""})
         taken.append(time.perf_counter() - begin)
     yield verdict.median("setup.second_call_s", taken[1:], "s")
-
-
-# ---- command -----------------------------------------------------------------------------------------------------
 
 
 class Section(NamedTuple):

@@ -182,9 +182,6 @@ def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> flo
     return float(np.max(np.abs(voltage[1:] - exact_voltage(circuit, told)[1:])))
 
 
-# ---- a run in an HDL simulator -------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Job:
     """One run of the circuit."""

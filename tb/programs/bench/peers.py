@@ -89,9 +89,6 @@ def _judged(
     return PeerRun(float(error.max()), miscount, clocks, seconds)
 
 
-# ---- ngspice with XSPICE ----------------------------------------------------------------------------------------
-
-
 def xspice(
     circuit: Circuit, step_s: float, clocks: int, where: Path, limit_s: float, options: str = OPTIONS
 ) -> PeerRun:
@@ -143,8 +140,6 @@ def xspice(
     told = np.round(np.interp((np.arange(clocks) + 0.5) * t_clk, time_s, charge), 6)
     return _judged(circuit, end - begin, time_s, v_int, told, late_s=2 * T_GATE_S)
 
-
-# ---- Icarus with SpiceBind or cocotbext-ams ---------------------------------------------------------------------
 
 # The flip-flops are the project's. Reset ends after clock 1, whose decision is 0 in any case, so
 # that the level that the plug-in has not yet driven is not sampled. Icarus 11 does not carry a value
@@ -312,9 +307,6 @@ async def _ams_run(dut: Any, job: tuple[float, float, list[str]], where: Path) -
 GUESTS: dict[str, Callable[..., PeerRun]] = {"spicebind": spicebind, "cocotbext_ams": cocotbext_ams}
 """Simulators that are measured if they are installed."""
 PEERS = {"xspice": xspice, **GUESTS}
-
-
-# ---- badcrossbar ------------------------------------------------------------------------------------------------
 
 
 def badcrossbar(network: Network, limit_s: float, repeat: int) -> tuple[float, Floats]:

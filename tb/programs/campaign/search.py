@@ -26,8 +26,6 @@ from scripts import workers
 from scripts.checkpoint import Checkpoint
 from tb.reference import scenes
 
-# ---- auto against event ------------------------------------------------------------------------------------------
-
 # The random scenes of the campaign turn many effects on at moderate strengths. A bound that forgets another effect, or
 # the current before the gate, shows where few effects are strong and taxels change from open to pressed. Each scene
 # has one to four effects at strengths up to a decade beyond their range and many frames of few taxels.
@@ -95,8 +93,6 @@ def filter_counts(kind: str, seed: int, number: int) -> dict[str, int]:
     return counts | {"codes": found.size, "wrong": int((found != true).sum())}
 
 
-# ---- Skin and intervals ------------------------------------------------------------------------------------------
-
 SKIN_KINDS, SKIN_FRAMES = ("offset", "light", "full", "short", "any"), 8
 """Scenes with column offsets, touches of a few counts, taxels beyond full scale, shorted taxels and rows, and any."""
 
@@ -153,8 +149,6 @@ def skin_counts(kind: str, seed: int, number: int) -> dict[str, int]:
     counts["cells"], counts["missed"] = int(kept.sum()), int((kept & ~inside).sum())
     return counts
 
-
-# ---- the command's part ------------------------------------------------------------------------------------------
 
 _TASK, _LIMIT_S = 50, 900.0  # scenes of a task; its first scene compiles loops
 

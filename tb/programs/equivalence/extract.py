@@ -47,8 +47,6 @@ def _ohm(conductance_s: float) -> float:
     return 1.0 / max(conductance_s, 1e-12)
 
 
-# ---- from column to summing node -----------------------------------------------------------------------------
-
 _COPY = {
     "conveyor_mirror": "xconveyor y x z ibias vdd vss conveyor\n"
     "xmirror z sum ibias vdd vss mirror_fixed k={k}",
@@ -150,8 +148,6 @@ def _nearest_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return float(min(lines)[1]), float(min(lines)[2])
 
 
-# ---- integrator and charge source ----------------------------------------------------------------------------
-
 # Two runs of packets, each after a preset: one every second clock, as at x = 1/2, and one every eighth.
 _RUNS = {
     "fast": {"at": 1e-6, "i": 11e-6, "free": 3, "pace": 2, "packets": 8},
@@ -213,8 +209,6 @@ def vfc(sign: int, found: Found) -> list[Measured]:
     ]
 
 
-# ---- comparator ----------------------------------------------------------------------------------------------
-
 _RAMPS = {"fast": (0.1, 100e-9, 2.5e6), "slow": (0.02, 100e-9, 5e4)}
 """Where each begins in V, when, and its slope in V/s: those of x = 1/2 and of x = 1/100."""
 
@@ -244,8 +238,6 @@ def comparator(found: Found) -> list[Measured]:
         Measured("comparator_delay", "t_s", max(delay, 0.0), "the same ramps"),
     ]
 
-
-# ---- amplifier, row driver, direct interface -------------------------------------------------------------------
 
 _WIDE = "ibias vdd vss ota pairs=320 branches=320\n"
 """Amplifier of integrator_direct, which is this much larger than that of the others."""
@@ -288,9 +280,6 @@ def _off(found: Found) -> list[Measured]:
         Measured("offset_current", "i_a", -found["none"], "charge source, off"),
         Measured("integrator_gain", "r_in_ohm", _ohm(-load), f"the same, moved by +-{LIFT_V * 1e3:g} mV"),
     ]
-
-
-# ---- all -----------------------------------------------------------------------------------------------------
 
 
 def benches_of(topology: str, k: int) -> list[Bench]:

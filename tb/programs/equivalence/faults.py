@@ -23,8 +23,6 @@ from scripts.characterise.benches import BENCHES
 from scripts.schematics.command import parse, undrawable
 from tb.programs.equivalence.gate import Case
 
-# ---- for the gate ------------------------------------------------------------------------------------------------
-
 LOOP = Case(codes=(0, 64, 240), clocks=48)  # the column that has the faults
 
 # A cut line is 1 Gohm, two joined lines are 10 ohm: an open node needs some path to have a voltage at all.
@@ -66,8 +64,6 @@ def written(kind: str, folder: Path) -> Path:
     write_atomic(place / file, text.replace(right, wrong))
     return place
 
-
-# ---- by rule -----------------------------------------------------------------------------------------------------
 
 TOP = "dermis_analog_front_end"
 OTHER_RAIL = {

@@ -167,9 +167,6 @@ def attempt(
     return faults, f"exit {ended.code if ended else 'none'}"
 
 
-# ---- the disturbances
-
-
 def kill(trial: Trial, bench: Bench, draw: random.Random) -> Found:
     """Send a signal to a process of a role at a random moment of its life."""
     subject, hit, (wanted, how) = trial.subject, [], trial.what.rsplit("_", 1)

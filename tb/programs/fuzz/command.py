@@ -65,9 +65,6 @@ FAULTS = {
 """Target that must meet a fault, then the attribute of a module and its replacement as a function of it."""
 
 
-# ---- runs --------------------------------------------------------------------------------------------------------
-
-
 @contextlib.contextmanager
 def prepared(name: str) -> Iterator[tuple[types.ModuleType, Path]]:
     """Import and prepare a target in a directory of its own."""

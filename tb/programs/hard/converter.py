@@ -107,9 +107,6 @@ def make_plan(world: World, engine: str, cols: int = COLS) -> tuple[Plan, Floats
     return dataclasses.replace(made, timing=timing), x.reshape(frames, world.rows, cols)
 
 
-# ---- engines -------------------------------------------------------------------------------------------------
-
-
 def _closed(world: World) -> NDArray[Any]:
     made, x = make_plan(world, "closed")
     return closed.codes_of(made, made.converter.gain * x)
@@ -181,9 +178,6 @@ def codes(engine: str, *worlds: World) -> Measured:
     return Measured(float(worst), where or (f"{near} within rounding of a level" if near else ""))
 
 
-# ---- converters below scenes, long gates -------------------------------------------------------------------------
-
-
 def cells(fields: Mapping[str, float], duties: Sequence[float]) -> Measured:
     """Compare counts of converters given in packets and clocks with the walk in fifty digits."""
     given = exact.IDEAL | fields | {"x": duties}
@@ -192,8 +186,6 @@ def cells(fields: Mapping[str, float], duties: Sequence[float]) -> Measured:
     expected = [exact.interval({**exact.IDEAL, **fields, "x": Fraction(x)}, GATE)[0] for x in duties]
     return Measured(float(np.abs(found - expected).max()), f"{found.tolist()}, exactly {expected}")
 
-
-# ---- cases -------------------------------------------------------------------------------------------------------
 
 EXACT = ALL[:-1]
 LOOPS = ALL[1:]

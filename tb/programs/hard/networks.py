@@ -97,9 +97,6 @@ def codes(name: str, engine: str) -> Measured:
     return Measured(float(off.max()), f"codes {found.min()}..{found.max()}")
 
 
-# ---- networks ------------------------------------------------------------------------------------------------------
-
-
 def _rng(name: str) -> np.random.Generator:
     return np.random.default_rng(list(name.encode()))
 
