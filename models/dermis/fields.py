@@ -36,8 +36,7 @@ def _defaults(kind: type, given: frozenset[str]) -> tuple[tuple[str, Any], ...]:
 
 
 def active(record: Any, given: frozenset[str]) -> frozenset[str]:
-    """Return the fields of a record that are away from their defaults; `given` are those that a
-    scene always sets.
+    """Return the fields of a record that are away from their defaults; `given` are those that a scene always sets.
 
     Every other field counts, whoever added it: an engine refuses each one that it does not list.
     """

@@ -321,9 +321,7 @@ def _largest(values: Floats) -> float | None:
 def straight_line(
     curve: Curve, reading: Reading, at: Ints | None = None
 ) -> tuple[float, float, float] | None:
-    """Fit gate f / f_clk = gain (gate x) + offset to three points or more; return gain, offset and
-    largest residual.
-    """
+    """Fit gate f / f_clk = gain (gate x) + offset to three points or more; return gain, offset and largest residual."""
     x = curve.gate * (curve.x if at is None else curve.x[at])
     counts = curve.gate / reading.line_clocks
     good = np.isfinite(counts)

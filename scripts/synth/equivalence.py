@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Equivalence of a mapped netlist and the Verilog: every state bit and output, for all inputs and
-states.
+"""Equivalence of a mapped netlist and the Verilog: every state bit and output, for all inputs and states.
 
 Yosys cuts both sides at each flop, latch and memory word (rtl/synth/cut_states.v): its output
 becomes an input of the network, and its data, clock with edge, set and clear become outputs. ABC

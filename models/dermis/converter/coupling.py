@@ -51,9 +51,7 @@ def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
 
 
 class DutyRange(NamedTuple):
-    """Range of duties in a gate, `low` and `high` [frames, rows, cols], and the next frame's
-    conductances, or None.
-    """
+    """Range of duties in a gate, `low` and `high` [frames, rows, cols], and the next frame's conductances, or None."""
 
     low: Floats
     high: Floats
@@ -83,8 +81,7 @@ def couples(plan: Plan) -> bool:
 
 
 def coupling(plan: Plan, g: Floats, x: Floats, duty_range: DutyRange | None = None) -> Coupling | None:
-    """Return the coupling of frames of duties x [frames, rows, cols], also infinite ones; None if
-    there is none.
+    """Return the coupling of frames of duties x [frames, rows, cols], also infinite ones; None if there is none.
 
     A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is
     what matters. It is that of the count formula's machine at the duty that the coupling leaves,
@@ -213,9 +210,7 @@ class _Columns:
         return np.where(self._closely, np.maximum(last, _UNMOVED), 0.0)
 
     def doubts(self, settled: _Settled, x: Floats, low: Floats, high: Floats) -> Floats:
-        """Return the error bound of a column in LSB, [frames, rows, cols], for duties x between
-        `low` and `high`.
-        """
+        """Return the error bound of a column in LSB, [frames, rows, cols], for duties x between `low` and `high`."""
         clocks, left = self.clocks, settled.left
         doubts = clocks * np.abs(settled.others - settled.before) + self._drift
         doubts = doubts + self._on_the_way(np.minimum(low, left))
@@ -289,9 +284,7 @@ class _Columns:
         return np.minimum(given, bias_v / (converter.k * converter.i0_a))
 
     def _meets_range(self, x: Floats, doubts: Floats) -> Bools:
-        """Return True where the charge may reach its limits, given the uncertainty in LSB over a
-        gate.
-        """
+        """Return True where the charge may reach its limits, given the uncertainty in LSB over a gate."""
         converter = self._converter
         levels_v = np.abs(converter.v_comp_offset_v) + converter.v_hysteresis_v / 2
         slack = (
@@ -310,9 +303,7 @@ class _Columns:
         return above | below | (x < 0.0) | self._moves
 
     def _over_gate(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return mean and end of the charge over a gate, for converters with a range and no other
-        effect.
-        """
+        """Return mean and end of the charge over a gate, for converters with a range and no other effect."""
         mean, end = np.empty_like(x), np.empty_like(x)
         ends = (self._held, self.level, self._low, self._high)
         start, level, low, high = (np.broadcast_to(v, x.shape[-1:]) + 0.0 for v in ends)
@@ -324,9 +315,7 @@ class _Columns:
 
 
 def _biting(converter: Converter) -> Floats:
-    """Return the lower and upper limit of the charge in packets, [2, cols]; infinite where no limit
-    is reached.
-    """
+    """Return the lower and upper limit of the charge in packets, [2, cols]; infinite where no limit is reached."""
     if not converter.range_clips():
         return np.broadcast_to([[-np.inf], [np.inf]], (2, converter.cols))
     return converter.range_v() * (1.0 + converter.inv_gain_dc) / converter.packet_v()
@@ -334,9 +323,7 @@ def _biting(converter: Converter) -> Floats:
 
 @numba.njit(cache=True, error_model="numpy")
 def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
-    """Return mean and end of the charge over a gate, for a converter whose charge stops at low and
-    high.
-    """
+    """Return mean and end of the charge over a gate, for a converter whose charge stops at low and high."""
     w, total, now, before = start, 0.0, False, False
     for _ in range(clocks):
         # The packet of the decision two edges ago is flowing in this clock.
@@ -354,8 +341,7 @@ def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
 
 @numba.njit(cache=True, error_model="numpy")
 def _walk_over_gate(x, start, level, low, high, clocks, mean, end):  # type: ignore
-    """Return mean and end of the charge over a gate, for converters with a range low .. high and no
-    other effect.
+    """Return mean and end of the charge over a gate, for converters with a range low .. high and no other effect.
 
     Where the range may be met, it is walked clock by clock. Elsewhere one m is decided at clock
     t = ceil((level - start + m) / x), where that is two clocks or more behind the one before, and its packet is gone

@@ -628,8 +628,7 @@ def _through_mirrors(own, cells):  # type: ignore
 def charges(  # type: ignore
     row, first, basis, terms, squeeze, lag, slow, idle, offset, most, out, mean
 ):
-    """Charge a clock of the cells first .. first + out.shape[1] of a row; returns the part of `out` that is the
-    gate.
+    """Charge a clock of the cells first .. first + out.shape[1] of a row; returns the part of `out` that is the gate.
 
     Parameters
     ----------

@@ -16,8 +16,7 @@ from dermis.records import Plan
 
 @dataclass(frozen=True, eq=False)
 class GateCurrents:
-    """Column currents of some frames at the beginning and at the end of every gate, [frames, rows,
-    cols] each.
+    """Column currents of some frames at the beginning and at the end of every gate, [frames, rows, cols] each.
 
     `follows` goes with the bias, `rest` does not. The bends are what both are in the middle of the
     gate beyond the mean of its ends, None where everything goes straight.
@@ -55,9 +54,7 @@ def _within(plan: Plan) -> tuple[float, float]:
 
 
 def may_bend(plan: Plan) -> bool:
-    """Return True if a fast and large ripple meets a non-linear effect, so that `bent` must be
-    evaluated.
-    """
+    """Return True if a fast and large ripple meets a non-linear effect, so that `bent` must be evaluated."""
     if not plan.drive.ripple or not bends_courses(plan):
         return False
     clocks = plan.timing.gate_clocks
@@ -146,8 +143,7 @@ def bent(plan: Plan, gate_currents: GateCurrents) -> dict[str, Floats]:
 
 
 def check(plan: Plan, gate_currents: GateCurrents) -> None:
-    """Refuse frames in which the waveform of a ripple within clocks may move a code by more than 1
-    LSB.
+    """Refuse frames in which the waveform of a ripple within clocks may move a code by more than 1 LSB.
 
     Raises
     ------

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The synchronized voltage-to-frequency converter: charge balance as a formula, and its exact slow
-twin.
+"""The synchronized voltage-to-frequency converter: charge balance as a formula, and its exact slow twin.
 
 Charge is counted in packets (one packet = i0 / f_clk). w is the stored charge, x = iD / i0 what one
 clock adds, and
@@ -107,16 +106,12 @@ class Converter:
         return self.i0_a / self.f_clk_hz / self.c_int_f
 
     def range_v(self) -> NDArray[np.float64]:
-        """Lower and upper end of the charge as a voltage on c_int_f, [2, cols]: the output's, by
-        the sign of charge.
-        """
+        """Lower and upper end of the charge as a voltage on c_int_f, [2, cols]: the output's, by the sign of charge."""
         ends = self.v_sign * self.v_int_min_v, self.v_sign * self.v_int_max_v
         return np.array([np.minimum(*ends), np.maximum(*ends)])
 
     def range_clips(self) -> bool:
-        """Return True if the range of an integrator is so small that it loses charge in normal
-        use.
-        """
+        """Return True if the range of an integrator is so small that it loses charge in normal use."""
         room = np.minimum(self.v_int_max_v, -self.v_int_min_v)
         # A range of exactly _SWING_PACKETS, up to rounding, is enough.
         return bool(np.any(room < _SWING_PACKETS * self.packet_v() * (1.0 - 1e-9)))
@@ -126,9 +121,7 @@ class Converter:
         return X_MAX * np.maximum(1.0 + self.packet_error, 1.0)
 
     def duty(self, i_column_a: ArrayLike) -> NDArray[np.float64]:
-        """x = (gain * i / k + i_offset) / i0 of column currents [..., cols] in ampere, i
-        compressed first.
-        """
+        """x = (gain * i / k + i_offset) / i0 of column currents [..., cols] in ampere, i compressed first."""
         i_column = np.asarray(i_column_a, dtype=float)
         if self.inv_i_range_a.any():
             # 1 / (1/|i| + a) is |i| / (1 + |i| a) and has a limit for a short, and for what is next to nothing.
@@ -189,8 +182,7 @@ def count_exact(
     packet: Fraction | int | float = 1,
     threshold: Fraction | int | float = 0,
 ) -> int:
-    """Count the ones of `clocks` decisions, walking through them in exact rationals: the slow
-    reference.
+    """Count the ones of `clocks` decisions, walking through them in exact rationals: the slow reference.
 
     Parameters
     ----------
@@ -214,8 +206,7 @@ def count_exact(
 
 
 def count_rational(x: Fraction, clocks: int, w0: Fraction = Fraction(-1, 2)) -> int:
-    """Count by the closed formula in exact rationals: floor(w0 + N x) + 1, every second clock above
-    x = 1/2.
+    """Count by the closed formula in exact rationals: floor(w0 + N x) + 1, every second clock above x = 1/2.
 
     Valid for -1 <= w0 < 0 and packets of 1. Over N clocks the count differs from N x by less than
     1, and two windows of equal length differ by at most 1.
@@ -309,8 +300,7 @@ def code_type(code_max: int) -> type[np.unsignedinteger]:
 
 
 def count_restarting(x: ArrayLike, clocks: int = 512) -> NDArray[np.int64]:
-    """Count of the paper's eq. (3): every cycle restarts at the threshold and lasts ceil(1/x) whole
-    clocks.
+    """Count of the paper's eq. (3): every cycle restarts at the threshold and lasts ceil(1/x) whole clocks.
 
     A different machine from charge balance, kept to show both. Over N clocks it gives ceil(N /
     ceil(1/x)) pulses with the first at clock 0; x = 0 gives 0 and no cycle is shorter than two
