@@ -309,6 +309,7 @@ def _bomb() -> bytes:
 
 WRONG_NUMPY = [
     ("npy", b"\x93NUMPY\x01\x00\xff\xff{", "file", "readable npy"),
+    ("npy", npy(CODES).replace(b"False", b"Fals "), "file", "ast.Name object>"),
     ("npy", PETABYTE, "shape", "at most"),
     ("npy", npy(CODES)[:-1], "shape", "no more values than"),
     ("npy", npy(np.array([[print]], dtype=object)), "dtype", "integers or floating"),

@@ -136,8 +136,8 @@ def _gaps(path: Path, frames: Floats, gaps: str) -> Floats:
     if gaps == "hold":
         frames = held(frames)
         said = f"held from the frame before; {np.isnan(frames).sum()} have none"
-    count = f"{missing.sum()} values are missing in {missing.any(axis=(1, 2)).sum()} frames"
-    warn(path, f"{count}, first {where}: {said}")
+    count = counted(int(missing.sum()), "missing value")
+    warn(path, f"{count} in {counted(int(missing.any(axis=(1, 2)).sum()), 'frame')}, first {where}: {said}")
     return frames
 
 
