@@ -140,11 +140,8 @@ class _Columns:
 
     Parameters
     ----------
-    plan : Plan
-    g : ndarray
-        Taxels, [frames, rows, cols] in siemens.
-    duty_range : DutyRange or None
-        Where duties change within a gate.
+    g : taxels, [frames, rows, cols] in siemens
+    duty_range : where duties change within a gate, or None
     """
 
     def __init__(self, plan: Plan, g: Floats, duty_range: DutyRange | None) -> None:

@@ -384,10 +384,8 @@ def decide_cells(gate, on, table, run, out, tally, ratios):  # type: ignore
     Parameters
     ----------
     gate, run, out : Gate, Run, Solved
-    on : [bounds.COUNT]
-        Factor on each bound; 0 is off.
-    table : [25, cols]
-        bounds.columns.
+    on : [bounds.COUNT], factor on each bound; 0 is off
+    table : [25, cols], bounds.columns
     """
     frames, rows, cols = run.currents[0].shape
     row, still, kappas = np.empty((INPUTS, cols)), np.zeros(cols), np.maximum(table[of.KAPPA], _KAPPA_MIN)

@@ -186,14 +186,10 @@ def count_exact(
 
     Parameters
     ----------
-    x : rational
-        Packets added a clock. A float is taken at its exact binary value.
-    clocks : int
-        Number of decisions.
-    w0 : rational
-        Charge before the first clock, in packets.
-    packet, threshold : rational
-        What a one takes away, and the level of the decision, in ideal packets.
+    x : packets added a clock; a float is taken at its exact binary value
+    clocks : number of decisions
+    w0 : charge before the first clock, in packets
+    packet, threshold : what a one takes away, and the level of the decision, in ideal packets
     """
     x, w, packet, threshold = Fraction(x), Fraction(w0), Fraction(packet), Fraction(threshold)
     ones, last = 0, False
@@ -232,12 +228,9 @@ def count(
 
     Parameters
     ----------
-    x : array_like
-        Packets a clock; -inf..inf, no NaN.
-    clocks : int
-        Decisions in the gate, N.
-    w0, packet, threshold : array_like
-        As in `count_exact`; packet > 0.
+    x : packets a clock; -inf..inf, no NaN
+    clocks : decisions in the gate, N
+    w0, packet, threshold : as in `count_exact`; packet > 0
 
     Notes
     -----

@@ -519,30 +519,20 @@ def walk(  # type: ignore
 
     Parameters
     ----------
-    clocks, late : int, float
-        Decisions, and clocks between a decision and the beginning of its packet.
-    x : [1 or clocks, stop - begin]
-        Charge of every clock, or the one charge of all clocks.
-    slow, fast : [8, n]
-        The two exponentials (`fast` None: bandwidth is infinite).
+    clocks, late : decisions, and clocks between a decision and the beginning of its packet
+    x : [1 or clocks, stop - begin], charge of every clock, or the one charge of all clocks
+    slow, fast : [8, n], the two exponentials (`fast` None: bandwidth is infinite)
     latch : [2, n] or None
         What the packet that begins inside a clock takes away in it (None: packets begin at clock edges).
-    early : [6, n] or None
-        The sample ahead of the clock edge.
-    rise : [n]
-        Level of the comparator.
-    window : [n] or None
-        Level at which it falls again (None: at the same).
-    limits : [2, n] or None
-        Range of the charge.
+    early : [6, n] or None, the sample ahead of the clock edge
+    rise : [n], level of the comparator
+    window : [n] or None, level at which it falls again (None: at the same)
+    limits : [2, n] or None, range of the charge
     noise : [4, n], keys : [n], step : int, or all None
         What is random, and how far apart the Brownian path is laid out beforehand.
-    lag : [n] or None
-        Time constant of the output; with `fast` only.
-    begin, stop : int
-        Which of the n cells.
-    counts, end : [n]
-        Results.
+    lag : [n] or None, time constant of the output; with `fast` only
+    begin, stop : which of the n cells
+    counts, end : [n], results
     """
     # One array for all that the loop over cells touches: that its parts do not overlap is then plain to the
     # compiler, which otherwise gives up vector instructions rather than compare every pair of them.

@@ -46,7 +46,6 @@ def run(
 
     Parameters
     ----------
-    plan : Plan
     progress : called with the number of row slots done so far, over all parts
     processes : processes of this machine; 1 runs the plan here, uncut
     options : passed to the engine

@@ -63,7 +63,6 @@ def run(
 
     Parameters
     ----------
-    plan : Plan
     progress : called with the number of row slots done so far, over all processes
     simulator : "icarus" or "verilator"
     sync_latch : build the chip with the flip-flop + latch synchronizer

@@ -57,7 +57,6 @@ def run(
 
     Parameters
     ----------
-    plan : Plan
     progress : called with the number of row slots done so far
     simulator : "verilator" or "icarus"
     sync_latch : build the chip with the flip-flop + latch synchronizer
