@@ -23,6 +23,7 @@ from dermis.records import Plan
 from dermis.report import calibrate, read, verdict
 from dermis.scene import scene as scenes
 from dermis.skin import Skin
+from scripts import judged
 from tb.programs.decode import board, files, kinds, published, session
 
 SEED = 20_261_123
@@ -339,6 +340,4 @@ def decode_command() -> int:
     rows = [noise_free(), *tables(), worn(), hysteresis(), coverage_row(), *recordings(), board_force()]
     rows += rates()
     figures.error_maps(BUILD / "decode" / "decode_error_maps.png")
-    verdict.write_rows("decode", rows)
-    verdict.print_rows(rows, "codes to newtons")
-    return verdict.exit_code(rows)
+    return judged.finish("decode", rows, "codes to newtons")

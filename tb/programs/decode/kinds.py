@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import gzip
-import io
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
@@ -240,12 +239,6 @@ def pedar() -> str:
 NO_COLUMNS, NO_SENSEL = without(np.s_[:, :, :2]), without(np.s_[:, 0, 5])
 
 # ---- binary files
-
-
-def npy(array: NDArray[Any]) -> bytes:
-    file = io.BytesIO()
-    np.save(file, array)
-    return file.getvalue()
 
 
 def mat(path: Path) -> None:
@@ -497,11 +490,15 @@ CASES: dict[str, Case] = {
     "novel pedar": Case("a.asc", pedar(), SIZE | {"part": 2}, unit="kpa"),
     "novel pedar, two soles": Case("a.asc", pedar(), SIZE, asks="--part"),
     # Arrays.
-    "npy": Case("a.npy", npy(FRAMES), SIZE | RATE),
-    "npy, taxels first": Case("a.npy", npy(FRAMES.reshape(COUNT, -1).T), SIZE | RATE),
-    "npy, two hands": Case("a.npy", npy(HANDS), SIZE | RATE, asks="--axes"),
-    "npy, one of two hands": Case("a.npy", npy(HANDS), RATE | {"axes": ("frames", 1, "rows", "cols")}),
-    "npy, 256 columns": Case("a.npy", npy(WIDE.reshape(5, -1)), RATE | WIDE_SIZE, WIDE, TIME[:5]),
+    "npy": Case("a.npy", output.npy_bytes(FRAMES), SIZE | RATE),
+    "npy, taxels first": Case("a.npy", output.npy_bytes(FRAMES.reshape(COUNT, -1).T), SIZE | RATE),
+    "npy, two hands": Case("a.npy", output.npy_bytes(HANDS), SIZE | RATE, asks="--axes"),
+    "npy, one of two hands": Case(
+        "a.npy", output.npy_bytes(HANDS), RATE | {"axes": ("frames", 1, "rows", "cols")}
+    ),
+    "npy, 256 columns": Case(
+        "a.npy", output.npy_bytes(WIDE.reshape(5, -1)), RATE | WIDE_SIZE, WIDE, TIME[:5]
+    ),
     "MATLAB 5": Case("a.mat", mat),
     "MATLAB 7.3": Case("a.mat", mat73),
     # Parquet.
