@@ -86,13 +86,8 @@ def coupling(plan: Plan, g: Floats, x: Floats, duty_range: DutyRange | None = No
     A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is
     what matters. It is that of the count formula's machine at the duty that the coupling leaves,
     found by repetition; a plan where that has not settled to a count, or where the duty_range to that mean
-    could move a code by more, is refused. `duty_range` is for duties that change within a gate; x is their
+    could move a code by more, is refused (InputError). `duty_range` is for duties that change within a gate; x is their
     mean then.
-
-    Raises
-    ------
-    InputError
-        See above.
     """
     if not couples(plan):
         return None
@@ -145,7 +140,7 @@ class _Columns:
     """
 
     def __init__(self, plan: Plan, g: Floats, duty_range: DutyRange | None) -> None:
-        self._plan, self._g, self._converter, self._moves = plan, g, plan.converter, duty_range is not None
+        self._plan, self._converter, self._moves = plan, plan.converter, duty_range is not None
         self.clocks = plan.timing.gate_clocks
         converter, network = plan.converter, plan.network(0)
         a_clock = 1.0 / (converter.c_int_f * converter.f_clk_hz)

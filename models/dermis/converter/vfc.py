@@ -201,20 +201,28 @@ def count_exact(
     return ones
 
 
-def count_rational(x: Fraction, clocks: int, w0: Fraction = Fraction(-1, 2)) -> int:
-    """Count by the closed formula in exact rationals: floor(w0 + N x) + 1, every second clock above x = 1/2.
+def count_rational(
+    x: Fraction | float,
+    clocks: int,
+    w0: Fraction | float = Fraction(-1, 2),
+    packet: Fraction | float = 1,
+    threshold: Fraction | float = 0,
+) -> int:
+    """Count by the closed formula in exact rationals; arguments as of `count_exact`, also an infinite x.
 
-    Valid for -1 <= w0 < 0 and packets of 1. Over N clocks the count differs from N x by less than
-    1, and two windows of equal length differ by at most 1.
+    Over N clocks of packets of 1 the count differs from N x <= N / 2 by less than 1, and two windows of equal length
+    differ by at most 1.
     """
-    if not -1 <= w0 < 0:
-        raise ValueError(f"w0 = {w0} is outside [-1, 0)")
-    if x < -w0 / clocks:
-        return 0
-    if x <= Fraction(1, 2):
-        return math.floor(w0 + clocks * x) + 1
-    first = math.ceil(-w0 / x)
-    return (clocks - first) // 2 + 1
+    every_second = (clocks + 1) // 2
+    if math.isinf(x):
+        return every_second if x > 0 else 0
+    x, p, s = Fraction(x), Fraction(packet), Fraction(threshold) - Fraction(w0)
+    if x < 0:
+        return min(every_second, max(0, math.floor((x - s) / (p - 2 * x)) + 1)) if x >= s else 0
+    if 2 * x <= p:
+        return min(every_second, max(0, math.floor((clocks * x - s) / p) + 1))
+    first = max(1, math.ceil(s / x))
+    return (clocks - first) // 2 + 1 if first <= clocks else 0
 
 
 def count(
@@ -259,27 +267,13 @@ def count(
     if not (packet > 0).all():
         raise ValueError("packet must be above 0")
     if clocks > LONGEST_GATE:
-        each = np.vectorize(lambda *cell: _count_of_rationals(clocks, *cell), otypes=[np.int64])
+        each = np.vectorize(lambda x, *start: count_rational(x, clocks, *start), otypes=[np.int64])
         return each(x, w0, packet, threshold)
     found = np.empty(x.size, dtype=np.int64)
     from dermis.converter.vfc_loops import count_all  # numba takes 0.4 s to load
 
     count_all(x.ravel(), clocks, (threshold - w0).ravel(), packet.ravel(), found)
     return found.reshape(x.shape)
-
-
-def _count_of_rationals(clocks: int, x: float, w0: float, packet: float, threshold: float) -> int:
-    """Count of the closed formula in exact rationals; see the notes of `count`."""
-    every_second = (clocks + 1) // 2
-    if math.isinf(x):
-        return every_second if x > 0 else 0
-    x, p, s = Fraction(x), Fraction(packet), Fraction(threshold) - Fraction(w0)
-    if x < 0:
-        return min(every_second, max(0, math.floor((x - s) / (p - 2 * x)) + 1)) if x >= s else 0
-    if 2 * x <= p:
-        return min(every_second, max(0, math.floor((clocks * x - s) / p) + 1))
-    first = max(1, math.ceil(s / x))
-    return (clocks - first) // 2 + 1 if first <= clocks else 0
 
 
 def code(x: ArrayLike, clocks: int = 510, code_max: int = 255, **start: ArrayLike) -> NDArray[np.int64]:

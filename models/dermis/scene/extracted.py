@@ -25,9 +25,6 @@ CIRCUIT = ROOT / "spice" / "sky130"
 AGAIN = "dermis extract"
 """Command that writes the files again."""
 
-Effects = Mapping[str, Mapping[str, float]]
-"""Effect -> parameter -> value, as in [effects] of a scene."""
-
 
 class _Source(Strict):
     corner: str = entry(..., "Corner of the process", "one of those of sky130")
