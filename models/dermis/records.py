@@ -158,6 +158,11 @@ class Plan:
             else self.resistance_ohm[stop],
         )
 
+    def parts(self, taxels: int) -> list[slice]:
+        """Return slices of whole frames with about so many taxels each, of one frame at least."""
+        step = max(1, taxels // (self.rows * self.cols))
+        return [slice(first, min(first + step, self.frames)) for first in range(0, self.frames, step)]
+
     def fullest_frame(self) -> int:
         """The frame with the most conductance; a short counts as much as 1 ohm."""
         return int(np.argmax(np.minimum(self.conductance_s(), 1.0).sum(axis=(1, 2))))

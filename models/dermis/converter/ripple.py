@@ -143,13 +143,7 @@ def bent(plan: Plan, gate_currents: GateCurrents) -> dict[str, Floats]:
 
 
 def check(plan: Plan, gate_currents: GateCurrents) -> None:
-    """Refuse frames in which the waveform of a ripple within clocks may move a code by more than 1 LSB.
-
-    Raises
-    ------
-    InputError
-        See above.
-    """
+    """Raise InputError where the waveform of a ripple within clocks may move a code by more than 1 LSB."""
     if not bends_courses(plan):
         return
     for name, counts in bent(plan, gate_currents).items():

@@ -50,11 +50,8 @@ def run(
     processes : processes of this machine; 1 runs the plan here, uncut
     options : passed to the engine
 
-    Returns
-    -------
-    Result
-        As from engines.run; of the engine's further results, arrays of one value a frame are joined, others
-        are kept where all parts agree.
+    Returns what engines.run does; of the engine's further results, arrays of one value a frame are joined, others are
+    kept where all parts agree.
 
     InputError for engine cosim with processes (it has its own), and the plan's own; SimulatorError if a worker died.
     """

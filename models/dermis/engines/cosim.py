@@ -71,12 +71,9 @@ def run(
     record : keep waveforms (info["trace"], info["waves"])
     work : directory for decks and logs, emptied first; default one in build/cosim that stays only after a failure
 
-    Returns
-    -------
-    Result
-        codes uint8 [frames, rows, cols]; info has seconds, those of a processor, ngspice's step counts, by frame the
-        attempts that ngspice gave up (docs/ladder.md; on stderr as well), in a scene with auto the rows that were
-        solved and, if recorded, the records.
+    Returns codes uint8 [frames, rows, cols]; info has seconds, those of a processor, ngspice's step counts, by frame
+    the attempts that ngspice gave up (docs/ladder.md; on stderr as well), in a scene with auto the rows that were
+    solved and, if recorded, the records.
 
     InputError for an effect that the exact half would have to ignore, or an array or timing that the chip is not made
     for; SimulatorError if either simulator failed, stopped answering or left no result.

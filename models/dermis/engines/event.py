@@ -67,11 +67,8 @@ def _refuses_displaced(plan: Plan) -> InputError | None:
 def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     """Run a plan; `progress` is called with the number of row slots done so far.
 
-    Returns
-    -------
-    Result
-        codes [frames, rows, cols]; info["x"] is their duty (mean over the gate), info["w_end"] the
-        charge at the end of the gate in packets.
+    Returns codes [frames, rows, cols]; info["x"] is their duty (mean over the gate), info["w_end"] the charge at the
+    end of the gate in packets.
 
     InputError for the direct interface with finite gain and impedances that couple its columns by more than a count.
     """
@@ -81,9 +78,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     timing = plan.timing
     random = bool(plan.active_fields() & walk.RANDOM)
     injection.check_lines(plan)
-    step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
-    for first in range(0, plan.frames, step):
-        part = slice(first, min(first + step, plan.frames))
+    for part in plan.parts(_VALUES_AT_ONCE):
         counts, x_all[part], w_end[part] = walk.count_frames(plan, part, random)
         codes[part] = np.minimum(counts, timing.code_max)
         if progress is not None:
