@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Circuits that need a rung of the ladder (docs/ladder.md), or have no answer, and their exact values."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path

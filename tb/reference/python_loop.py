@@ -4,8 +4,6 @@
 The HDL simulator loads this module for `both`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -5,8 +5,6 @@
 its files and loads the scene. `of_resistances` makes a scene of given taxels.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

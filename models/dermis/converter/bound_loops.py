@@ -107,9 +107,6 @@ def late(s, loose, levels):  # type: ignore
     return s.window + s.packet * part, part * size + s.across * lag * lag * s.packet
 
 
-# --- what moves the current within a gate ------------------------------------------------------------------------
-
-
 @_compiled
 def _supply_ripple(s):  # type: ignore
     """The sum of a sine over the gate, in closed form; a compressed one is bent by a second-order rest."""
@@ -209,9 +206,6 @@ def _integrator_range(s, levels, error, factor):  # type: ignore
     return Bound(0.0, clips, clips, 0.0, 0.0, 0.0, 0.0, clips)
 
 
-# --- random numbers ----------------------------------------------------------------------------------------------
-
-
 @_compiled
 def _path(s, variance, sample):  # type: ignore
     """A Brownian path of some variance a clock; a level `sample` beside.
@@ -272,9 +266,6 @@ def _flicker_noise(s, levels):  # type: ignore
     came = s.clocks * max(abs(s.low), abs(s.high)) + levels
     gone = min(came / s.packet + 1.0, 0.5 * (s.clocks + 1))
     return Bound(0.0, 0.0, 0.0, SIGMAS * s.flicker * s.packet * gone, 0.0, 0.0, 0.0, 0.0)
-
-
-# --- all of them -------------------------------------------------------------------------------------------------
 
 
 class _Sum(namedtuple("_Sum", "shift rest whole error levels squares paths climb drawn loose")):

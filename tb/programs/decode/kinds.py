@@ -101,9 +101,6 @@ def faults() -> dict[str, str]:
     return found
 
 
-# ---- texts
-
-
 def cells(values: Iterable[float], point: str = ".") -> list[str]:
     """Return numbers as text, with their decimal point."""
     return [f"{v:g}".replace(".", point) for v in values]
@@ -160,9 +157,6 @@ def gap(cell: str) -> str:
     lines = table(flat, {"time": seconds()}).splitlines()
     lines[4] = lines[4].replace(f",{FRAMES[3, 0, 5]:g},", f",{cell},", 1)
     return "\n".join(lines)
-
-
-# ---- makers
 
 
 def tekscan(
@@ -238,8 +232,6 @@ def pedar() -> str:
 
 NO_COLUMNS, NO_SENSEL = without(np.s_[:, :, :2]), without(np.s_[:, 0, 5])
 
-# ---- binary files
-
 
 def mat(path: Path) -> None:
     scipy.io.savemat(path, {"P": np.moveaxis(FRAMES, 0, 2), "t": TIME, "fs": 50.0}, do_compression=True)
@@ -271,8 +263,6 @@ def levels(path: Path) -> None:
 
 
 LISTS = {"stamp": pa.array(STAMPS, pa.timestamp("ns")), "data": [frame.ravel().tolist() for frame in FRAMES]}
-
-# ---- bags
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TOUCH = "std_msgs/Header header\nuint16 rows\nuint16 cols\nfloat32[] force\nfloat32[] low"
