@@ -18,6 +18,7 @@ import numpy as np
 from dermis import effects, fields
 from dermis.array.network import Network
 from dermis.converter.vfc import Converter
+from dermis.errors import InputError
 from dermis.ndarrays import Floats
 from dermis.scene.front_end import FrontEnd
 from dermis.scene.scene import Scene
@@ -211,6 +212,13 @@ class Plan:
     def effects_of_field(self, field: str) -> tuple[str, ...]:
         """Names of the effects that set a record field (for an engine that must refuse it)."""
         return tuple(name for name in self.on if field in effects.EFFECTS[name].fields())
+
+    def unsure(self, effect: str, beside: Iterable[str], what: str, most: float, found: float) -> InputError:
+        """Return the refusal of an effect that with others leaves codes uncertain by more than `most` LSB."""
+        allowed = f"{what} is certain to {most:g} LSB (here {found:.2g}); use engine cosim"
+        return InputError(
+            self.scene.path, f"effects.{effect}", f"on together with {', '.join(beside)}", allowed
+        )
 
     def resolved_toml(self, directory: Path | None = None) -> str:
         """The scene with every default, and with the engine of this plan; see Scene.to_toml."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from dermis.array.array import Network, between_columns
 from dermis.converter.vfc import W_PRESET, Converter
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import SimulatorError
 from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
 
@@ -108,12 +108,8 @@ def coupling(plan: Plan, g: Floats, x: Floats, duty_range: DutyRange | None = No
     if doubt > _SETTLED:
         active = plan.active_fields()
         names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}
-        raise InputError(
-            plan.scene.path,
-            "effects.integrator_gain" if "inv_gain_dc" in active else "effects.integrator_bandwidth",
-            f"on together with {', '.join(sorted(names))}",
-            f"column coupling that is certain to {_SETTLED:g} LSB (here {doubt:.2g}); use engine cosim",
-        )
+        effect = "integrator_gain" if "inv_gain_dc" in active else "integrator_bandwidth"
+        raise plan.unsure(effect, sorted(names), "column coupling that", _SETTLED, doubt)
     return Coupling(columns.across_s, settled.others, columns.known(settled))
 
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from dermis.converter.vfc import X_INFINITE
-from dermis.errors import InputError
 from dermis.ndarrays import Floats
 from dermis.records import Plan
 
@@ -148,11 +147,5 @@ def check(plan: Plan, gate_currents: GateCurrents) -> None:
         return
     for name, counts in bent(plan, gate_currents).items():
         if (counts > _BENT).any():
-            beside = plan.effects_of_field(name)
-            raise InputError(
-                plan.scene.path,
-                "effects.supply_ripple",
-                f"on together with {', '.join(beside)}",
-                f"a ripple whose waveform within a clock is certain to {_BENT:g} LSB (here {counts.max():.2g}); "
-                "use engine cosim",
-            )
+            beside, what = plan.effects_of_field(name), "a ripple whose waveform within a clock"
+            raise plan.unsure("supply_ripple", beside, what, _BENT, counts.max())

@@ -57,10 +57,8 @@ def _refuses_displaced(plan: Plan) -> InputError | None:
         return None
     for name, counts in injection.counts(plan).items():
         if (counts > _DISPLACED).any():
-            value = f"on together with {', '.join(plan.effects_of_field(name))}"
-            allowed = f"injected charge that is certain to {_DISPLACED:g} LSB (here {counts.max():.2g})"
-            allowed += "; use engine cosim"
-            return InputError(plan.scene.path, "effects.line_capacitance", value, allowed)
+            beside = plan.effects_of_field(name)
+            return plan.unsure("line_capacitance", beside, "injected charge that", _DISPLACED, counts.max())
     return None
 
 
