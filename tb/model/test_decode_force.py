@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Codes to newtons with intervals, and the file that says how: laws, calibrations, decoders."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

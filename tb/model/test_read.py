@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis read`: every format gives the same frames, what is missing is asked for, and a wrong unit does not pass."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Callable

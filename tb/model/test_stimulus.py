@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stimuli: the profiles they promise, the files they read, and what is said about files that are wrong."""
 
-from __future__ import annotations
-
 import io
 import math
 import struct

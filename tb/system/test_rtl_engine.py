@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The real Verilog with real-number models: equal to engine event, no trace of what is off, loud when it fails."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import sys
