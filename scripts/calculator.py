@@ -183,9 +183,7 @@ class Answer:
         return {name: float(v) if isinstance(v, Fraction) else v for name, v in values.items()}
 
     def design(self) -> Design:
-        """Return models/design.toml with this answer in it, checked by the loader; InputError if a
-        limit is missed.
-        """
+        """Return models/design.toml with this answer in it, checked by the loader; InputError if a limit is missed."""
         missed = [f"{row['name']} ({row['note']})" for row in self.rows if row["status"] != "PASS"]
         if missed:
             raise InputError(FILE, "targets", "impossible", f"targets that meet {'; '.join(missed)}")
@@ -235,8 +233,7 @@ _at_least, _at_most = (partial(_digits, digits=6, rounding=way) for way in (math
 
 
 def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
-    """Size the chip for the targets; values that they omit are those of `base`, by default
-    models/design.toml.
+    """Size the chip for the targets; values that they omit are those of `base`, by default models/design.toml.
 
     The answer is always complete; `feasible` is False and `rows` has the reason where it cannot be
     built. InputError if targets contradict one another (r_max_ohm below r_min_ohm).

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checkpoints of long runs: finished pieces in a file from which a killed run continues."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import time

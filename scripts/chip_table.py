@@ -7,20 +7,18 @@ IEEE Std 1241 defines them: gain and offset are those of the line through both e
 network taken out, calibrated with one taxel. ENOB adds the noise of a code to its error over the range.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import engines, plan
 from dermis.chip import sky130
 from dermis.decode import crosstalk
 from dermis.files import write_between
+from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.report import progress, verdict
 from dermis.scene import design as design_module
@@ -31,8 +29,6 @@ from scripts.characterise import benches, runs
 from scripts.characterise.benches import BENCHES, Condition
 from scripts.judged import finish
 from scripts.schematics.command import DEVICES, Subckt, written
-
-Floats = NDArray[np.float64]
 
 CONDITIONS = tuple(
     Condition(corner, celsius)

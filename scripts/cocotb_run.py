@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build the Verilog, run one cocotb test with a time limit, and hand back what it reports."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import tempfile

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Co-simulations in parallel: one progress line; the failure of one leaves the others alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 

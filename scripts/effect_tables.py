@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of docs/effects.md: every effect, and its place in each engine, read from the engines."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

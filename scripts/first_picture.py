@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The first picture of README: a fingertip, its codes, and the error of the newtons, corrected and not."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

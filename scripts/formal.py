@@ -6,8 +6,6 @@ A .sby file holds a proof: its theorems in comments, its sizes as tasks `prove_N
 and `search`. This module replaces source files and selects theorems; sby does the rest.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """FPGA builds of the digital core: bitstream, size, speed, and the tests of the top on the netlist."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

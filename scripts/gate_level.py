@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gate-level simulation: the tests of the top on the mapped netlist, with its cells in Icarus."""
 
-from __future__ import annotations
-
 import re
 import sys
 import time

@@ -4,8 +4,6 @@
 ``check`` compares the files of the tree with the generated text and shows each difference.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Callable

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A contract for import-linter: no import cycle between the modules of a package, type imports
-included.
-"""
-
-from __future__ import annotations
+"""A contract for import-linter: no import cycle between the modules of a package, type imports included."""
 
 from graphlib import CycleError, TopologicalSorter
 from typing import Any

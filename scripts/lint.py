@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lint of the Verilog: Icarus, Verilator and Yosys on one file list; every message is counted."""
 
-from __future__ import annotations
-
 import json
 import re
 import tempfile

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables and marks of Markdown."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from dermis.errors import SimulatorError

@@ -5,8 +5,6 @@ Mutants are changes of source text, not of a netlist: they keep the parameters, 
 them at every size, and a survivor is easy to read.
 """
 
-from __future__ import annotations
-
 import hashlib
 import random
 import re

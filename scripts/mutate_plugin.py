@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plugin for pytest: tests of tb/rtl build a mutated copy of rtl/, with files outside build/rtl."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

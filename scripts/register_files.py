@@ -6,8 +6,6 @@ PeakRDL-regblock writes SystemVerilog packages and structs of a fixed size, whic
 Verilog tools cannot read; the header of PeakRDL-cheader has no address constants (docs/registers.md).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis sim`: whole frames through Verilog and ngspice, judged against the exact count."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build the documentation as a site: docs/, and pages of commands, library, design, results."""
 
-from __future__ import annotations
-
 import csv
 import inspect
 import itertools
@@ -102,9 +100,7 @@ _COMMANDS = {
 
 
 def datasheet(text: str, design: Design) -> str:
-    """Return the datasheet from its page, a template; SimulatorError if its pins are not those of
-    rtl/dermis_top.v.
-    """
+    """Return the datasheet from its page, a template; SimulatorError if its pins are not those of rtl/dermis_top.v."""
     top = (ROOT / "rtl" / "dermis_top.v").read_text(encoding="utf-8")
     found = re.findall(r"^  (input|output) +wire +(?:\[([^\]]+)\] +)?(\w+)", top, re.M)
     ports = {name: f"{way} | {width.replace('-1:0', '') or 1}" for way, width, name in found}
@@ -294,9 +290,7 @@ def write_source() -> None:
 
 
 def build(write: Callable[[], None] = write_source) -> None:
-    """Write the source of the site and build it; SimulatorError if a link is broken, or a page is in
-    no menu.
-    """
+    """Write the source of the site and build it; SimulatorError if a link is broken, or a page is in no menu."""
     write()
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--clean", "-f", CONFIG]
     children.run_logged(command, ROOT, BUILD / "site.log", LIMIT_S, "mkdocs", {"NO_MKDOCS_2_WARNING": "1"})

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run tasks with a time limit in worker processes; a hang or a crash is an outcome."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import time

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings and fixtures of all tests: numpy raises on invalid operations; scenes and pressure frames."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Callable, Iterator

@@ -17,6 +17,7 @@ from dermis import engines, plan
 from dermis.decode import force
 from dermis.engines import batch
 from dermis.errors import InputError, optional
+from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.scene import design as designs
 from dermis.scene import scene as scenes
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-Floats = NDArray[np.float64]
 SceneLike = str | os.PathLike[str] | Mapping[str, Any]
 DesignLike = Design | str | os.PathLike[str] | Mapping[str, Any]
 

@@ -6,16 +6,12 @@ numba. An effect that engine `closed` honours has no error here. One without a b
 open.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.converter.vfc import W_PRESET, Converter
-
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 # Engine event stops drawing where a decision is eight standard deviations away: it is wrong once in 1e15.
 SIGMAS = 8.0

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: parses, calls, and turns every end into its exit code."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import functools

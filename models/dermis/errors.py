@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The errors a run may end with, and the exit code of each."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.metadata
 import importlib.util
+import re
 import shlex
 import shutil
 import sys
@@ -26,8 +25,9 @@ def one_line(value: Any, length: int = _VALUE_LENGTH) -> str:
             text = repr(value)
         except (ValueError, RecursionError):  # an integer too long, a table too deep to print
             text = f"a {type(value).__name__} too large to print"
-    # A value may be a whole file: only the part that is shown is examined.
-    text = "".join(c if c.isprintable() else " " for c in text[: 16 * length])
+    # A value may be a whole file: only the part that is shown is examined. The address of an object says nothing.
+    text = re.sub(r" at 0x[0-9a-f]+(?=>)", "", text[: 16 * length])
+    text = "".join(c if c.isprintable() else " " for c in text)
     text = " ".join(text.split())
     return text if len(text) <= length else text[: length - 3] + "..."
 

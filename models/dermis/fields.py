@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fields of the records that effects write: a field at its default is the ideal."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from typing import Any
@@ -38,8 +36,7 @@ def _defaults(kind: type, given: frozenset[str]) -> tuple[tuple[str, Any], ...]:
 
 
 def active(record: Any, given: frozenset[str]) -> frozenset[str]:
-    """Return the fields of a record that are away from their defaults; `given` are those that a
-    scene always sets.
+    """Return the fields of a record that are away from their defaults; `given` are those that a scene always sets.
 
     Every other field counts, whoever added it: an engine refuses each one that it does not list.
     """

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes files whole or not at all."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Machine code of the compiled loops, which numba keeps beside their sources."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import re

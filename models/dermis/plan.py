@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a scene to a plan: frames, records of network and converter, effects with their reasons."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +11,8 @@ import numpy as np
 from dermis import effects, engines
 from dermis.converter.vfc import Converter
 from dermis.errors import InputError
-from dermis.records import ENGINES, Drive, Floats, Plan, Timing, setting_of
+from dermis.ndarrays import Floats
+from dermis.records import ENGINES, Drive, Plan, Timing, setting_of
 from dermis.scene import scene
 from dermis.scene.design import Design
 from dermis.scene.front_end import FrontEnd

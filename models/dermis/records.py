@@ -14,19 +14,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import effects, fields
 from dermis.array.network import Network
 from dermis.converter.vfc import Converter
+from dermis.errors import InputError
+from dermis.ndarrays import Floats
 from dermis.scene.front_end import FrontEnd
 from dermis.scene.scene import Scene
 from dermis.scene.sensor import Sensor
 from dermis.scene.views import Views
 from dermis.timing import Timing as Timing
-
-Floats = NDArray[np.float64]
-
 
 ENGINES = ("closed", "event", "rtl", "cosim")
 
@@ -161,6 +159,11 @@ class Plan:
             else self.resistance_ohm[stop],
         )
 
+    def parts(self, taxels: int) -> list[slice]:
+        """Return slices of whole frames with about so many taxels each, of one frame at least."""
+        step = max(1, taxels // (self.rows * self.cols))
+        return [slice(first, min(first + step, self.frames)) for first in range(0, self.frames, step)]
+
     def fullest_frame(self) -> int:
         """The frame with the most conductance; a short counts as much as 1 ohm."""
         return int(np.argmax(np.minimum(self.conductance_s(), 1.0).sum(axis=(1, 2))))
@@ -209,6 +212,13 @@ class Plan:
     def effects_of_field(self, field: str) -> tuple[str, ...]:
         """Names of the effects that set a record field (for an engine that must refuse it)."""
         return tuple(name for name in self.on if field in effects.EFFECTS[name].fields())
+
+    def unsure(self, effect: str, beside: Iterable[str], what: str, most: float, found: float) -> InputError:
+        """Return the refusal of an effect that with others leaves codes uncertain by more than `most` LSB."""
+        allowed = f"{what} is certain to {most:g} LSB (here {found:.2g}); use engine cosim"
+        return InputError(
+            self.scene.path, f"effects.{effect}", f"on together with {', '.join(beside)}", allowed
+        )
 
     def resolved_toml(self, directory: Path | None = None) -> str:
         """The scene with every default, and with the engine of this plan; see Scene.to_toml."""

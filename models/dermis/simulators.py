@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Forces for `Skin.read` from the tactile sensors of MuJoCo; mujoco itself is not imported."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 
 def touch_grid(model: Any, sensordata: ArrayLike, name: str, rows: int, cols: int) -> Floats:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sensor layer for robot simulators: forces to codes and codes to forces, in compiled loops."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -27,11 +25,10 @@ from dermis.decode.sheets import Sheets, apply_sheet
 from dermis.engines import closed
 from dermis.errors import InputError
 from dermis.machine_code import argument
+from dermis.ndarrays import Floats
 from dermis.records import Plan, random_of, setting_of
 from dermis.scene import scene as scenes
 from dermis.scene.sensor import InverseSensor, SensorState
-
-Floats = NDArray[np.float64]
 
 LEAST_INPUT_OHM = 1e-3
 """Input resistance of a column from which on the compiled solve takes it: a smaller one leaves it no digits."""

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The clocks of a row slot."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

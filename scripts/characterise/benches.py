@@ -9,8 +9,6 @@ reported. Conditions do not belong to a bench: models, temperature, supplies, re
 before it in the deck (`deck`).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis characterise`: the transistor blocks over corners and mismatch, against their limits."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import click

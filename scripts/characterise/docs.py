@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Table and figures of docs/characterise.md: residual, input resistance, settling, mismatch."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

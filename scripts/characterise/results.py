@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results of the runs: each quantity over its conditions against models/spec.toml, and the file of values."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

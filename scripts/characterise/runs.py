@@ -7,8 +7,6 @@ valid), how it is solved, and the version of ngspice. One file a result, so that
 share them and a killed one loses what it was running, no more.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -153,8 +151,6 @@ def measured(body: str, condition: Condition, blocks: Path | None = None) -> dic
         keep(key(text), f"{condition}", there)
     return dict(there.values)
 
-
-# ---- over conditions -----------------------------------------------------------------------------------------
 
 CELSIUS = (-40.0, 27.0, 125.0)
 SUPPLIES = (0.9, 1.0, 1.1)

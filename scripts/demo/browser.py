@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo in a headless Chromium: a session, and the figures that `dermis demo --check` prints."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib.util
 import shutil

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis demo`: build and measure the web page with the chip, one HTML file."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import importlib.metadata

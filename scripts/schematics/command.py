@@ -6,8 +6,6 @@ change. The SVG has searchable text; that of xschem itself has letters as stroke
 and lines without width.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -186,8 +184,7 @@ _TOKEN = re.compile(r"\w+\s*=\s*(?:\{[^}]*\}|\S+)|\S+")
 
 
 class Subckt(NamedTuple):
-    """One subcircuit: pins in order, parameters with defaults, elements, and the port symbols of
-    its sheet.
+    """One subcircuit: pins in order, parameters with defaults, elements, and the port symbols of its sheet.
 
     An element is the words that follow its name (nets, then the model) and its parameters.
     """

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis sweep`: resistance against frequency for the four interfaces, csv and figures."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -18,6 +16,7 @@ from matplotlib.figure import Figure
 from dermis.converter import vfc
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
+from dermis.ndarrays import Floats
 from dermis.places import BUILD
 from dermis.report import figures as drawing
 from dermis.report import output
@@ -25,7 +24,7 @@ from dermis.scene.design import TOPOLOGIES
 from dermis.scene.design import load as load_design
 from scripts.judged import SHOW, finish
 from scripts.sweep import curves
-from scripts.sweep.curves import Curve, Floats, Reading, straight_line, unlimited
+from scripts.sweep.curves import Curve, Reading, straight_line, unlimited
 
 
 def table(curves: Sequence[Curve]) -> str:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Curves of `dermis sweep`: frequency against resistance from Verilog and ngspice, and both laws."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import re
@@ -25,6 +23,7 @@ from dermis.converter import vfc
 from dermis.engines import batch, cosim, event
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
+from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
 from dermis.report import comparison, verdict
 from dermis.report.verdict import Row
@@ -34,7 +33,6 @@ from scripts import cosims
 from scripts.characterise import runs
 from scripts.checkpoint import Checkpoint
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 BENCH = ROOT / "spice" / "bench" / "vfc__tran.sp"
@@ -57,9 +55,6 @@ LEFT_OFF = {
     **{n: "changes the resistance that is swept" for n in effects.EFFECTS if n.startswith("sensor_")},
 }
 """Effects that the physical sweep leaves off, with reasons."""
-
-
-# ---- resistances ---------------------------------------------------------------------------------------------
 
 
 def resistances(points: int, design: Design) -> Floats:
@@ -148,9 +143,6 @@ def make_plan(
     return made
 
 
-# ---- reading ------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False)
 class Reading:
     """Measurements at some resistances, all arrays [points]."""
@@ -170,7 +162,7 @@ def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -
     return Reading(*(out_of_frames(values, points) for values in (pulses, codes, period, line)))
 
 
-def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]:
+def charge_frames(record: dict[str, Any], made: Plan) -> list[Bools]:
     """Return the charge switches of a process, [clocks, cols] per frame; entry n follows edge n + 1."""
     frames, timing = len(record["codes"]) // made.rows, made.timing
     words = record["trace"]["charge"]
@@ -181,7 +173,7 @@ def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]
     return [bits[begin : begin + length] for begin in begins]
 
 
-def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Floats]:
+def find_pulses(charge: Bools, made: Plan) -> tuple[Ints, Floats, Floats]:
     """Return count and spacing in clocks (as in `Reading`) of the pulses in the gate of every row
     slot, [frames, rows, cols], from the charge switches [frames, clocks, cols].
 
@@ -208,9 +200,6 @@ def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Fl
     return count, period, line
 
 
-# ---- comparison ----------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False)
 class Physical:
     """Some points through physical blocks, arrays [points]."""
@@ -231,7 +220,7 @@ class Curve:
     code_max: int
     resistance_ohm: Floats
     x: Floats  # duty, V_b / (k i0 R)
-    on_code: NDArray[np.bool_]  # x is c / gate, so there is no rounding
+    on_code: Bools  # x is c / gate, so there is no rounding
     pulses_charge_balance: Ints  # exact
     pulses_eq3: Ints  # by the paper's eq. (3)
     period_eq3_clocks: Floats
@@ -272,9 +261,6 @@ def make_physical(made: Plan, at: Ints, reading: Reading) -> Physical:
     except InputError:
         codes = None
     return Physical(at, reading, out_of_frames(duty, at.size), codes)
-
-
-# ---- verdicts ------------------------------------------------------------------------------------------------
 
 
 def judge(curve: Curve) -> list[Row]:
@@ -335,9 +321,7 @@ def _largest(values: Floats) -> float | None:
 def straight_line(
     curve: Curve, reading: Reading, at: Ints | None = None
 ) -> tuple[float, float, float] | None:
-    """Fit gate f / f_clk = gain (gate x) + offset to three points or more; return gain, offset and
-    largest residual.
-    """
+    """Fit gate f / f_clk = gain (gate x) + offset to three points or more; return gain, offset and largest residual."""
     x = curve.gate * (curve.x if at is None else curve.x[at])
     counts = curve.gate / reading.line_clocks
     good = np.isfinite(counts)
@@ -391,9 +375,6 @@ def plain_ngspice(work: Path) -> list[Row]:
     ]
 
 
-# ---- the run -------------------------------------------------------------------------------------------------
-
-
 def run(
     topologies: Sequence[str], points: int, out: Path, *, with_physical: bool = True
 ) -> tuple[list[Curve], list[Row], bool]:
@@ -442,8 +423,6 @@ def _read_once(made: Plan, points: int, on_slots: Callable[[int], None], work: P
     shutil.rmtree(work)  # a successful run can be repeated from its scene
     return reading
 
-
-# ---- in transistors ------------------------------------------------------------------------------------------
 
 POINTS_TRANSISTORS = 8
 """A packet costs about 20 ms, so a point at 500 ohm takes as long as all others together."""

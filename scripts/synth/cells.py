@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The two cell libraries of synthesis: their files, and the cells of their Liberty."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Iterable, Mapping

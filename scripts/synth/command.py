@@ -5,8 +5,6 @@ Every figure is parsed from the output of a tool; a failure or an unexpected war
 row.
 """
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Callable, Sequence

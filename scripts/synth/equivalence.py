@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Equivalence of a mapped netlist and the Verilog: every state bit and output, for all inputs and
-states.
+"""Equivalence of a mapped netlist and the Verilog: every state bit and output, for all inputs and states.
 
 Yosys cuts both sides at each flop, latch and memory word (rtl/synth/cut_states.v): its output
 becomes an input of the network, and its data, clock with edge, set and clear become outputs. ABC
@@ -11,20 +10,19 @@ by a constant must never leave it. A bit without a partner is free, so the proof
 values. (Yosys' own `equiv_induct` knows neither clocks nor asynchronous resets.)
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from dermis.chip.sources import read_verilog, rtl_sources
 from dermis.errors import SimulatorError
 from dermis.processes.children import run_logged
 from dermis.scene.design import ROOT
 from scripts.judged import tool
-from scripts.synth.cells import SYNTH, Technology
-from scripts.synth.map import TOP, WORDS_TO_FLOPS, elaborate, read_rtl, run_yosys
+from scripts.synth.cells import SYNTH, Technology, for_cells
+from scripts.synth.map import TOP, WORDS_TO_FLOPS, elaborate, run_yosys
 
 PROOF_LIMIT_S = 900.0
 # In order: gates; every state element as one kind with set and clear, active high; and and not.
@@ -180,7 +178,8 @@ def prove(
     Yosys or ABC failed.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    verilog = [read_rtl(None), *elaborate(parameters, top), "flatten", "opt_clean", *WORDS_TO_FLOPS]
+    read = read_verilog(sources=for_cells(rtl_sources(), None))
+    verilog = [read, *elaborate(parameters, top), "flatten", "opt_clean", *WORDS_TO_FLOPS]
     mapped = [
         f"read_liberty -ignore_miss_func {technology.typical}",
         *(f"read_verilog -overwrite {model}" for model in technology.functions()),

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mapping of rtl/ to the cells of a library with Yosys, and the contents of the netlist."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -13,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from dermis.chip.sources import rtl_include_dirs, rtl_sources
+from dermis.chip.sources import read_verilog, rtl_include_dirs, rtl_sources
 from dermis.chip.spi_protocol import SPECIAL_SLOTS, frame_bytes
 from dermis.errors import SimulatorError
 from dermis.files import locked
@@ -117,13 +115,6 @@ def run_yosys(script: Sequence[str], directory: Path, name: str, limit_s: float 
     return output
 
 
-def read_rtl(technology: Technology | None, sources: Sequence[Path] | None = None) -> str:
-    """Return the read_verilog line of rtl/files.f, with the cells of a technology, or those of any."""
-    files = for_cells(rtl_sources() if sources is None else sources, technology)
-    includes = " ".join(f"-I{d}" for d in rtl_include_dirs())
-    return f"read_verilog {includes} {' '.join(str(f) for f in files)}"
-
-
 def elaborate(size: Mapping[str, int], top: str = TOP) -> list[str]:
     """Return the Yosys lines that set parameters and convert processes to cells."""
     parameters = " ".join(f"-chparam {key} {value}" for key, value in size.items())
@@ -168,7 +159,7 @@ def map_design(
         choice=choice,
         library=library,
         technology=technology,
-        read=read_rtl(technology, sources),
+        read=read_verilog(sources=for_cells(rtl_sources() if sources is None else sources, technology)),
         elaborate=elaborate(parameters, top),
         words_to_flops=WORDS_TO_FLOPS,
         black_box_memory=black_box_memory,

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Power of the netlist from the activity of its nets: every net's charge, and that inside of flops and latches."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections import Counter

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Templates of generated files and of the tools' scripts (Jinja)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -5,8 +5,6 @@
 zero and overflow of one number, which vector code cannot tell from those of unused lanes.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

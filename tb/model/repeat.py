@@ -4,8 +4,6 @@
 .venv/bin/python tb/model/repeat.py SCENE[:ENGINE] ... prints one JSON object, scene to digest.
 """
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import json

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What each effect costs: shifts that can be told beforehand, the engine behind them, and the rows."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Resolution of the chip against conversion time: the measure is right, and each reader gains its bits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The library: its arrays and tables give the codes of the same scene in files, and its errors are one line."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

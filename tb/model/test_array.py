@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The array solve against the full nodal matrix, against published tables, and at its edges."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

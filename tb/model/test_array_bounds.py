@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bound of the array solve's error against 120 digits, its checks against seeded faults, and what is refused."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The array solve against a solver that others wrote: badcrossbar."""
 
-from __future__ import annotations
-
 import logging
 import warnings
 

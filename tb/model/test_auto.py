@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """[effects] auto: the codes of everything on from few walked cells, and its table."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Batches: the same codes from any number of processes, and a clean end of every kind."""
 
-from __future__ import annotations
-
 import operator
 import os
 import shutil

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The benchmark's own claims: its exact solution, its eye for faults, its rows."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Boards with dividers or amplifiers and an ADC: counts of an independent nodal solve come back as forces."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bounds of the filter: codes of every effect are those of engine event, and without a bound they are not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

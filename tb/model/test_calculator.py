@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The calculator: the paper's targets gives the paper's design, feasible targets hold, others say why not."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

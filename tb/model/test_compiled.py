@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every compiled function that Python calls is listed with what checks its arguments; none reads foreign memory."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import re

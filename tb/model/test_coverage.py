@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about `dermis coverage`: what is not reached is missed, an exclusion needs its point, runs are added up."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decoding: codes come back as the force that made them, within the step each code stands for."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

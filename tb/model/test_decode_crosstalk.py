@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The array solved backwards: exact against the forward solve, and within its bound."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identification: a session of a simulated sheet gives back its own parameters, and blames what is wrong in it."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 from pathlib import Path

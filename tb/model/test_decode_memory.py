@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hysteresis and creep as a stream: put in as the scene does, taken back, with a state that can be saved."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program behind `make decode`: published tables, and rows that can miss."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Design, limits and verdicts: the paper's values, what follows from them, wrong files refused."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

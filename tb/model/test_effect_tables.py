@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/effects.md: every effect has its rows, and what the rows say is what engines and decks do."""
 
-from __future__ import annotations
-
 import pytest
 
 from dermis import engines

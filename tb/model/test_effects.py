@@ -3,8 +3,6 @@
 takes it as the codes of engine event have it or refuses it by name.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The engines closed and event: against each other over random scenes, and event against fifty digits."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, make_dataclass, replace
 from pathlib import Path

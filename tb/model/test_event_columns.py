@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Columns of the direct interface that move each other, beside their common equation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

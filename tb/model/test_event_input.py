@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What changes inside a gate in the event engine, each against a slow reference that shares nothing with it."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A ripple's course within a clock in the event engine: what its mean leaves out, against small steps."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures: one scale for both maps, portrait arrays, and bins in place of millions of points."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

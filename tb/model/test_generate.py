@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is generated from design.toml: up to date in the tree, right in content, and every drift caught."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/howto_effect.md: its changes make a complete effect of a copy of the package, and its test passes there."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report pages: what stands in them, that they need no network, and the option --html."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers stay clean: numpy raises, no unbounded source or step reaches ngspice, every tolerance has a reason."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A mirror ratio of its own in every column: the codes are those of scenes with that ratio everywhere."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any

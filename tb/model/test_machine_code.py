@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops follow every source that they use."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

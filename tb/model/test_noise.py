@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random numbers, and what they do to codes: against their laws, the reference walk and a plain Monte-Carlo run."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Resistance of pads and of the return of grounded rows, against the nodal reference and by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

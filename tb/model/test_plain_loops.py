@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops against the same loops in plain Python, in which every invalid operation raises."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

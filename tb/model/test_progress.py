@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Progress of long commands: rate, time left and what is running, on a terminal and without one."""
 
-from __future__ import annotations
-
 import io
 import re
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis read`: every format gives the same frames, what is missing is asked for, and a wrong unit does not pass."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Callable
@@ -275,7 +273,8 @@ def test_a_missing_value_opens_its_own_interval_only(tmp_path: Path, unit: str) 
     assert np.abs(force - whole)[others].max() < 15 / 255
     assert np.isfinite(high[others]).all()
     assert ((low <= FRAMES) & (high >= FRAMES))[others].all()
-    back = recording.load(tmp_path / "out/forces_n.csv", Layout())
+    with pytest.warns(UserWarning, match="1 missing value in 1 frame,"):
+        back = recording.load(tmp_path / "out/forces_n.csv", Layout())
     # The csv has six digits.
     assert back.values == pytest.approx(force, rel=1e-5, nan_ok=True)
     assert np.isnan(recording.load(tmp_path / "out/codes.csv", Layout()).values).sum() == 1

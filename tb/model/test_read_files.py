@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of many kinds are read to the right numbers, or end in a question that names the option."""
 
-from __future__ import annotations
-
 import random
 import re
 import warnings

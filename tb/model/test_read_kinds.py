@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every kind of file is read to the numbers that were written, or asked about; a reader that errs is noticed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames as received: read as the chip sends them, and anything else is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about what is written from the register map."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

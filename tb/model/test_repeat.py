@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One seed, one result to the last bit: however often, wherever, in what order and in how many parts it is run."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

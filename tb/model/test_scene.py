@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scene reader: what is right comes back identical, what is wrong is one line that names it."""
 
-from __future__ import annotations
-
 import os
 import re
 import textwrap

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sheet: laws that undo themselves, and hysteresis, creep, temperature and spread as the data sheet has them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

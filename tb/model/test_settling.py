@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lines that have not settled when the gate opens: their bound against many digits, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

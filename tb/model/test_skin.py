@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sensor layer: code by code what engine closed reads, in any batch, thread and order of calls."""
 
-from __future__ import annotations
-
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many sheets in one call: each is the plain skin of its seed, bit by bit, with its own memory, draws and resets."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from typing import Any

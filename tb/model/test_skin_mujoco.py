@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Examples that run: bodies on MuJoCo's touch_grid and tactile sensors, read and decoded by a skin in every step."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

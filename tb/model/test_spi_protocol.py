@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about the host's side of the SPI protocol."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stimuli: the profiles they promise, the files they read, and what is said about files that are wrong."""
 
-from __future__ import annotations
-
 import io
 import math
 import struct
@@ -309,6 +307,7 @@ def _bomb() -> bytes:
 
 WRONG_NUMPY = [
     ("npy", b"\x93NUMPY\x01\x00\xff\xff{", "file", "readable npy"),
+    ("npy", npy(CODES).replace(b"False", b"Fals "), "file", "ast.Name object>"),
     ("npy", PETABYTE, "shape", "at most"),
     ("npy", npy(CODES)[:-1], "shape", "no more values than"),
     ("npy", npy(np.array([[print]], dtype=object)), "dtype", "integers or floating"),

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every key of a scene against every kind of wrong value: what its documentation forbids is refused, by its name."""
 
-from __future__ import annotations
-
 import datetime
 import math
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time erodes nothing: counters, charges and phases after 10^12 clocks, 55 hours, are those of exact arithmetic."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

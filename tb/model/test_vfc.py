@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Charge balance: the closed formula against exact rationals, and beside the restarting law of eq. (3)."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

@@ -6,8 +6,6 @@ or constants that it stands in), or words in the message of its assert. A named 
 Run by hand: .venv/bin/python tb/model/tolerances.py
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import itertools

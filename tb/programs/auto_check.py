@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares codes and processor time of [effects] auto with engine event and everything on, over many scenes."""
 
-from __future__ import annotations
-
 import random
 import statistics
 import tempfile
@@ -14,13 +12,13 @@ from unittest import mock
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import bounds, effects, engines
 from dermis import plan as planning
 from dermis.converter import course, decide, vfc_loops
 from dermis.engines import event, filter, masking
 from dermis.errors import InputError
+from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.report import verdict
 from dermis.report.progress import slots
@@ -28,8 +26,6 @@ from dermis.scene import scene
 from dermis.scene.scene import SCENES
 from scripts import judged
 from tb.reference import scenes
-
-Floats = NDArray[np.float64]
 
 _LONG = 200  # frames of a long scene
 REPEATS = 3  # timed runs of a scene
@@ -174,8 +170,6 @@ def rows(few: list[Outcome], many: list[Outcome], refused: list[str]) -> list[ve
     return found
 
 
-# ---- halved bounds -----------------------------------------------------------------------------------------------
-
 # A search for scenes that need the bounds of the filter: each bound, halved in turn, must give a wrong code. A scene
 # has one effect, at a strength drawn over its range, and few taxels whose duty runs through a whole code in small
 # steps, so that a level that is off by more than its bound gives a wrong code in some of them.
@@ -275,9 +269,6 @@ def halved_bounds(tries: int) -> verdict.Row:
     missed = [name for name, trial in found.items() if trial is None]
     note = f"not caught: {', '.join(missed) or 'none'}"
     return verdict.judge("auto.mutated_bounds_caught", 1.0 - len(missed) / len(found), note)
-
-
-# ---- command -----------------------------------------------------------------------------------------------------
 
 
 def _number(name: str, default: int, help: str, low: int = 0, high: int | None = None) -> Any:

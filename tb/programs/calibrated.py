@@ -6,8 +6,6 @@ own pedestal and test current. Its readings are then compared with the currents 
 ends of temperature and supply.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

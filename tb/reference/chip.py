@@ -6,8 +6,6 @@ packets a clock. The converter is ``q[n] = (w >= 0) and not q[n-1]; w += x - q[n
 w = -1/2 at t0, so that w at t1 is -1/2 + x.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import lcm
 from typing import Any

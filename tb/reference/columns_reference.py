@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Columns of the direct interface by their common equation: the reference of event's mean charges."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The charge balance of one converter in fifty digits: the slow reference of engine event."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

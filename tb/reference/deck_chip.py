@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads decks without the Verilog: a row scanner and synchronizers in Python with ngspice."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

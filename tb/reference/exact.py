@@ -9,8 +9,6 @@ with its levels moved by a margin either way, which is what an engine that round
 margin may read. Margin 0 is one count.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from fractions import Fraction

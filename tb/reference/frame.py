@@ -4,8 +4,6 @@
 Slow and obvious on purpose; it shares only the records with the engines.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import NDArray

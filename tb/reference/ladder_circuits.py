@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Circuits that need a rung of the ladder (docs/ladder.md), or have no answer, and their exact values."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -44,8 +42,6 @@ def lockstep(
         return ladder.climb(attempt, way), way
 
 
-# ---- circuits that need a rung -----------------------------------------------------------------------------------
-
 _DIODE = "bx b 0 i = 1e-14*(exp(v(b)/0.02) - 1)"
 _LOCKED = "bo o 0 v = (v(a) > 0.5 && v(a) < 29.5) ? (v(n) > 0.5 ? 0 : 1) : 0.2"
 NEEDS = {
@@ -86,8 +82,6 @@ def needed_operating_point(rung: str) -> mpmath.mpf:
 
         return mpmath.findroot(kirchhoff, mpmath.mpf("0.66"))
 
-
-# ---- circuits without an answer ----------------------------------------------------------------------------------
 
 FLOATING = ("v1 a 0 1", "c1 a b 1p", "c2 b 0 3p", "r1 a 0 1k")
 RELAY = ("v1 a 0 1", "r1 a 0 1k", "bx c 0 v = v(c) > 0.5 ? 0 : 1")

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lines with capacitance in many digits: the slow reference of incomplete settling."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 

@@ -6,8 +6,6 @@ Nothing is reduced, reused or shared with dermis.array.array but the meaning of 
 over Python's fractions (`column_currents(..., digits=0)`) or mpmath's numbers.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from fractions import Fraction

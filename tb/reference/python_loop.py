@@ -4,8 +4,6 @@
 The HDL simulator loads this module for `both`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +12,6 @@ from typing import Any
 import numpy as np
 from cocotb.handle import Immediate
 from cocotb.triggers import FallingEdge
-from numpy.typing import NDArray
 
 from dermis.chip import bridge, netlist
 from dermis.chip.analog import ExactHalf
@@ -23,9 +20,8 @@ from dermis.lockstep import ngspice
 from dermis.lockstep.clock_loop import ClockLoop
 from dermis.lockstep.half import AnalogHalf, Edge
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
+from dermis.ndarrays import Floats
 from dermis.records import Plan
-
-Floats = NDArray[np.float64]
 
 
 class PythonBridge(bridge.Bridge):

@@ -5,8 +5,6 @@
 its files and loads the scene. `of_resistances` makes a scene of given taxels.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math
@@ -18,18 +16,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dermis import effects
 from dermis.converter.vfc import W_PRESET
+from dermis.ndarrays import Floats
 from dermis.scene import scene as scenes
 from dermis.scene import schema
 from dermis.scene.design import TOPOLOGIES
 from dermis.scene.design import load as load_design
 from dermis.scene.schema import write_toml
 
-Floats = NDArray[np.float64]
 Data = dict[str, Any]
 Rng = random.Random
 

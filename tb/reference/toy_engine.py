@@ -4,8 +4,6 @@
 CONTRIBUTING.md explains it; tb/model/test_engine_contract.py holds it to what every engine owes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

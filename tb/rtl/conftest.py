@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Import paths of the benches for pytest and simulators; each RTL test runs on Icarus, and with LONG=1 on Verilator."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

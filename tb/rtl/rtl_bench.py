@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Helpers of all cocotb benches, and the test of any module with clk_i and rst_ni, clock by clock."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build and run a cocotb bench on Icarus or Verilator, with builds cached by content."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes the bench runner importable and gives every test a copy of spice/ to run in."""
 
-from __future__ import annotations
-
 import itertools
 import sys
 from collections.abc import Callable

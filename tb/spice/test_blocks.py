@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each behavioural block against the formulas of its parameters, with the values of design.toml."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A column from parts on a board: exact with ideal parts, within its limit with real ones, and faults show."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Columns with mismatch after calibration: its arithmetic on made lines, and a fault that the bench must find."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

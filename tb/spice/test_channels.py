@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The four channels: exact where ideal, alike in x, and fit to survive shorts, opens and the end of range."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The characterisation: kept by content, resumed, judged with four outcomes, and each row with its way back."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shlex

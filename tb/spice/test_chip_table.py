@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of the chip: transitions against every code of a fine ramp, and known curves."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

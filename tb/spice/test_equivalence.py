@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files of models/extracted against the circuit, how a scene takes them, and the gate on one short column."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import shutil

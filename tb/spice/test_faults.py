@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Seeded netlist faults: the tests of blocks and channels, which pass the right circuit, fail the wrong one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The circuits of spice/sky130 as they would be drawn: devices and pins alone."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

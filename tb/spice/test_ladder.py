@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ladder of retries: rungs taken by circuits that need them, in order, reported, and the end beyond the last."""
 
-from __future__ import annotations
-
 import functools
 import multiprocessing
 import re

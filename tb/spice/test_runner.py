@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The runner of batch benches: what ngspice does not say with its exit code, it must."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

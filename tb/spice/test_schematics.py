@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sheets of spice/schematic are the circuits of spice/sky130: a change on either side is found."""
 
-from __future__ import annotations
-
 import shutil
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The taxel cell against a nodal solve written out by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans for tests of whole commands; the modules of this room can be imported by name."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -6,8 +6,6 @@ every effect can have one. `test_a_deck_reads_the_same_without_the_verilog` ties
 real one.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor

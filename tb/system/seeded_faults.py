@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs with one fault each, in a module that worker processes can import."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command as a user calls it, and a look at which processes are left."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

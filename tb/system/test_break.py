@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The break between two rows: what mirrors carry across it, in ngspice, the Verilog and the event engine."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A campaign notices a fault seeded in each engine, shrinks it and continues after a kill; found cases stay cured."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path

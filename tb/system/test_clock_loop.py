@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The clock loop in C does what the one in Python does: samples, voltages, pins and codes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command as a stranger uses it: results, their files, and one clear line for every mistake."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

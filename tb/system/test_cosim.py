@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The real Verilog in lock-step with an analog half, against the exact charge-balance count."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

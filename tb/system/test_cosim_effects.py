@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every deterministic effect through ngspice against the event engine: alone, all together, and through the Verilog."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The allow-list of deck lines accepts every deck of the project, and no line that could be a command."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Content of a deck: the elements of each effect that is on, nothing of others, and the array."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from dataclasses import replace

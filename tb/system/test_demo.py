@@ -4,8 +4,6 @@
 `make test LONG=1` installs the browser, its driver and the compiler.
 """
 
-from __future__ import annotations
-
 import importlib.resources
 import json
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claim: another array, clock and number of bits in models/design.toml, and everything follows."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every scene that comes with the project, through every engine: codes, or one line that names an engine that can."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulator that dies, hangs or is interrupted: exit code, place, log, and no process left."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

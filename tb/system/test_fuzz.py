@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A short run of every fuzzer, stored findings, and seeded faults; `make fuzz` is the long run."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The named suite: its short set, that its table is complete, and that no way of going wrong passes for an answer."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Import contracts of pyproject.toml notice an import that breaks them."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a process loads: compiled loops and scenes only where they are needed."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

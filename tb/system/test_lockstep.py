@@ -3,8 +3,6 @@
 and what the room refuses.
 """
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Engine cosim with auto: rows that engine event decides are masked on the chip, and no code changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

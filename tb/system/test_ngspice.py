@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """ngspice as an analog half on its own: what it refuses, and that it says so; a process a circuit."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

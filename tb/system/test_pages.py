@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report pages and the site in a real browser: accessible, in light and dark, without an error on the console."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path

@@ -3,8 +3,6 @@
 circuit.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

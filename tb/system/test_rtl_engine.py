@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The real Verilog with real-number models: equal to engine event, no trace of what is off, loud when it fails."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import sys
@@ -154,9 +152,12 @@ def with_fault(folder: Path, file: str, right: str, wrong: str) -> Path:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_in_a_model_is_caught(resistance_plan: MakePlan, tmp_path: Path, fault: str) -> None:
+def test_a_fault_in_a_model_is_caught(
+    resistance_plan: MakePlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    monkeypatch.setattr(rtl, "MODELS", with_fault(tmp_path, *FAULTS[fault]))
     made = resistance_plan(of_codes(np.random.default_rng(3).permutation(256).reshape(16, 16)[:4]))
-    wrong = rtl.run(made, simulator="icarus", models=with_fault(tmp_path, *FAULTS[fault])).codes
+    wrong = rtl.run(made, simulator="icarus").codes
     assert not np.array_equal(wrong, closed.run(made).codes)
 
 
@@ -170,11 +171,13 @@ def test_verilator_is_refused_where_no_directory_is_without_a_space(
         hdl.build("verilator", "dermis_top", {})
 
 
-def test_models_that_do_not_compile_end_with_the_log(resistance_plan: MakePlan, tmp_path: Path) -> None:
-    models = with_fault(tmp_path, "mirror.sv", "module mirror", "modul mirror")
+def test_models_that_do_not_compile_end_with_the_log(
+    resistance_plan: MakePlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rtl, "MODELS", with_fault(tmp_path, "mirror.sv", "module mirror", "modul mirror"))
     for simulator in hdl.SIMULATORS:
         with pytest.raises(SimulatorError, match="failed with exit code") as caught:
-            rtl.run(resistance_plan(random_ohm(11, 2, 2)), simulator=simulator, models=models)
+            rtl.run(resistance_plan(random_ohm(11, 2, 2)), simulator=simulator)
         assert caught.value.exit_code == 3
         assert "mirror" in Path(caught.value.log).read_text()
 

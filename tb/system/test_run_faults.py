@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Disturbed runs: the judge of `make faults` notices faults, and commands end cleanly when disturbed."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import signal

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sweep of frequency against resistance: what it reads, what it says of the two laws, and what it leaves behind."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Python on the pages of the documentation runs as it is written there."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

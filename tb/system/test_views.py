@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decks in transistors: each block from the folder of its view, refusals, columns apart, and what steps cost."""
 
-from __future__ import annotations
-
 import functools
 import re
 from collections.abc import Sequence

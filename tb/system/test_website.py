@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The site is built from the tree as it is: every link leads somewhere, every name and number comes from its source."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The wheel, installed in an empty environment away from the checkout, is a library and a command."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """An exact analog half without a circuit simulator: ideal converters."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

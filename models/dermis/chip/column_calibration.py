@@ -8,21 +8,17 @@ intersection of what 16 gates next to each other allow. docs/howto_calibrate.md 
 for firmware.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.chip import register_map as rm
 from dermis.chip import spi_protocol as spi
 from dermis.errors import SimulatorError
+from dermis.ndarrays import Bools, Floats
 from dermis.scene.design import Design
-
-Floats = NDArray[np.float64]
 
 DARK_GATES = 16
 """The dark slot is counted over this many normal gates: 1/32 LSB."""
@@ -134,7 +130,7 @@ def _test_frame(gate_clocks: int) -> Steps[spi.Frame]:
     raise SimulatorError(f"calibration: {said}")
 
 
-def _mask(first: int, cols: int) -> Steps[NDArray[np.bool_]]:
+def _mask(first: int, cols: int) -> Steps[Bools]:
     bits: list[bool] = []
     for word in range((cols + 15) // 16):
         value = yield spi.read_register(first + word)

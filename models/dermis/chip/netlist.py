@@ -6,8 +6,6 @@ that is off leaves no element behind. Every number is formatted from a float and
 here: no text of a scene reaches a deck.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -267,10 +265,8 @@ def frame_deck(
     first_row : row whose driving is time zero: of ripple and motion the deck has what they are there in a scan of all
         rows
 
-    Returns
-    -------
-    Deck
-        Its probes are the comparator outputs, then, if recorded, the integrator outputs; without columns the rows.
+    Returns a Deck. Its probes are the comparator outputs, then, if recorded, the integrator outputs; without columns
+    the rows.
     """
     network = plan.network(frame)
     rows, cols = network.rows, network.cols

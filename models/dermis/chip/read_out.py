@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames as a host receives them: checked against the request, and turned into codes."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

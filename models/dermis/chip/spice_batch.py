@@ -5,8 +5,6 @@ The exit code of ngspice is no evidence: it is 0 when a `.meas` fails, and when 
 early and its measurements look plausible.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import re

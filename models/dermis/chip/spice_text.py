@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """SPICE text: numbers, folded lines, and the array with every element of a scene."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

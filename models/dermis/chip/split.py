@@ -7,8 +7,6 @@ as the whole circuit would. Row drivers in transistors are a circuit too, whose 
 as sources.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from concurrent.futures import wait
 from dataclasses import replace

@@ -5,8 +5,6 @@ Everything is counted in packets and made from solved currents, cell by cell in 
 docs/auto_proofs.md derives every line.
 """
 
-from __future__ import annotations
-
 import math
 from collections import namedtuple
 
@@ -109,14 +107,9 @@ def late(s, loose, levels):  # type: ignore
     return s.window + s.packet * part, part * size + s.across * lag * lag * s.packet
 
 
-# --- what moves the current within a gate ------------------------------------------------------------------------
-
-
 @_compiled
 def _supply_ripple(s):  # type: ignore
-    """The sum of a sine over the gate, in closed form; a compressed one is bent by a second-order
-    rest.
-    """
+    """The sum of a sine over the gate, in closed form; a compressed one is bent by a second-order rest."""
     whole = abs(s.swing) * s.swing_reach + s.swing_bent
     return Bound(s.swing * s.swing_sum, s.swing_bent, whole, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -129,9 +122,7 @@ def _motion(s):  # type: ignore
 
 @_compiled
 def _mirror_lag(s):  # type: ignore
-    """The charge of y' = y (x - y) / kappa is that of x less kappa ln(y at the end / y at the
-    beginning).
-    """
+    """The charge of y' = y (x - y) / kappa is that of x less kappa ln(y at the end / y at the beginning)."""
     return Bound(0.0, s.late_known, abs(s.late) + s.late_known, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -143,9 +134,7 @@ def _comparator_hysteresis(s):  # type: ignore
 
 @_compiled
 def _comparator_delay(s):  # type: ignore
-    """A sample d clocks early misses d times the charge of a clock; after a packet also d of that
-    packet.
-    """
+    """A sample d clocks early misses d times the charge of a clock; after a packet also d of that packet."""
     whole = s.delay * (abs(s.high) + 2.0 * s.packet)
     rest = 0.5 * s.delay * (s.high - s.low)
     return Bound(-0.5 * s.delay * (s.low + s.high), rest, whole, 0.0, 0.0, 0.0, 0.0, rest)
@@ -153,9 +142,7 @@ def _comparator_delay(s):  # type: ignore
 
 @_compiled
 def _integrator_bandwidth(s, levels, error):  # type: ignore
-    """The output is late by the lag times its slope, and drops charge through what lies across the
-    input.
-    """
+    """The output is late by the lag times its slope, and drops charge through what lies across the input."""
     lag = s.lag
     if lag > SLOW_CLOCKS:
         return Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, math.inf)
@@ -205,8 +192,7 @@ def _sawtooth(s, levels, error):  # type: ignore
 
 @_compiled
 def _integrator_range(s, levels, error, factor):  # type: ignore
-    """No error if the charge stays inside, or if a charge at the upper limit has a packet every
-    second clock.
+    """No error if the charge stays inside, or if a charge at the upper limit has a packet every second clock.
 
     Nor where no charge that a gate brings lifts one at the lower limit to a decision. `factor` is
     that of this effect: its bound is the reach of the charge.
@@ -218,9 +204,6 @@ def _integrator_range(s, levels, error, factor):  # type: ignore
     full = below and enough and s.limit_high >= s.packet + 2.0 * levels
     clips = 0.0 if inside or full else math.inf
     return Bound(0.0, clips, clips, 0.0, 0.0, 0.0, 0.0, clips)
-
-
-# --- random numbers ----------------------------------------------------------------------------------------------
 
 
 @_compiled
@@ -279,21 +262,14 @@ def _ktc_noise(s):  # type: ignore
 
 @_compiled
 def _flicker_noise(s, levels):  # type: ignore
-    """One number for all packets of a slot: those of the charge that came and of the way to the
-    level.
-    """
+    """One number for all packets of a slot: those of the charge that came and of the way to the level."""
     came = s.clocks * max(abs(s.low), abs(s.high)) + levels
     gone = min(came / s.packet + 1.0, 0.5 * (s.clocks + 1))
     return Bound(0.0, 0.0, 0.0, SIGMAS * s.flicker * s.packet * gone, 0.0, 0.0, 0.0, 0.0)
 
 
-# --- all of them -------------------------------------------------------------------------------------------------
-
-
 class _Sum(namedtuple("_Sum", "shift rest whole error levels squares paths climb drawn loose")):
-    """Sums over the effects so far: those of Bound, all errors and those that move levels, squares,
-    and `quiet`'s.
-    """
+    """Sums over the effects so far: those of Bound, all errors and those that move levels, squares, and `quiet`'s."""
 
     __slots__ = ()
 

@@ -7,22 +7,18 @@ the others' charge over a gate; what that leaves open is bounded in counts, and 
 beyond one (docs/event.md).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.array.array import Network, between_columns
 from dermis.converter.vfc import W_PRESET, Converter
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import SimulatorError
+from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
-
-Floats = NDArray[np.float64]
 
 # Conductance of a short across a virtual ground: any integrator loses all its charge through it.
 G_ACROSS_S = 1e12
@@ -55,9 +51,7 @@ def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
 
 
 class DutyRange(NamedTuple):
-    """Range of duties in a gate, `low` and `high` [frames, rows, cols], and the next frame's
-    conductances, or None.
-    """
+    """Range of duties in a gate, `low` and `high` [frames, rows, cols], and the next frame's conductances, or None."""
 
     low: Floats
     high: Floats
@@ -87,19 +81,13 @@ def couples(plan: Plan) -> bool:
 
 
 def coupling(plan: Plan, g: Floats, x: Floats, duty_range: DutyRange | None = None) -> Coupling | None:
-    """Return the coupling of frames of duties x [frames, rows, cols], also infinite ones; None if
-    there is none.
+    """Return the coupling of frames of duties x [frames, rows, cols], also infinite ones; None if there is none.
 
     A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is
     what matters. It is that of the count formula's machine at the duty that the coupling leaves,
     found by repetition; a plan where that has not settled to a count, or where the duty_range to that mean
-    could move a code by more, is refused. `duty_range` is for duties that change within a gate; x is their
+    could move a code by more, is refused (InputError). `duty_range` is for duties that change within a gate; x is their
     mean then.
-
-    Raises
-    ------
-    InputError
-        See above.
     """
     if not couples(plan):
         return None
@@ -120,12 +108,8 @@ def coupling(plan: Plan, g: Floats, x: Floats, duty_range: DutyRange | None = No
     if doubt > _SETTLED:
         active = plan.active_fields()
         names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}
-        raise InputError(
-            plan.scene.path,
-            "effects.integrator_gain" if "inv_gain_dc" in active else "effects.integrator_bandwidth",
-            f"on together with {', '.join(sorted(names))}",
-            f"column coupling that is certain to {_SETTLED:g} LSB (here {doubt:.2g}); use engine cosim",
-        )
+        effect = "integrator_gain" if "inv_gain_dc" in active else "integrator_bandwidth"
+        raise plan.unsure(effect, sorted(names), "column coupling that", _SETTLED, doubt)
     return Coupling(columns.across_s, settled.others, columns.known(settled))
 
 
@@ -147,15 +131,12 @@ class _Columns:
 
     Parameters
     ----------
-    plan : Plan
-    g : ndarray
-        Taxels, [frames, rows, cols] in siemens.
-    duty_range : DutyRange or None
-        Where duties change within a gate.
+    g : taxels, [frames, rows, cols] in siemens
+    duty_range : where duties change within a gate, or None
     """
 
     def __init__(self, plan: Plan, g: Floats, duty_range: DutyRange | None) -> None:
-        self._plan, self._g, self._converter, self._moves = plan, g, plan.converter, duty_range is not None
+        self._plan, self._converter, self._moves = plan, plan.converter, duty_range is not None
         self.clocks = plan.timing.gate_clocks
         converter, network = plan.converter, plan.network(0)
         a_clock = 1.0 / (converter.c_int_f * converter.f_clk_hz)
@@ -217,9 +198,7 @@ class _Columns:
         return np.where(self._closely, np.maximum(last, _UNMOVED), 0.0)
 
     def doubts(self, settled: _Settled, x: Floats, low: Floats, high: Floats) -> Floats:
-        """Return the error bound of a column in LSB, [frames, rows, cols], for duties x between
-        `low` and `high`.
-        """
+        """Return the error bound of a column in LSB, [frames, rows, cols], for duties x between `low` and `high`."""
         clocks, left = self.clocks, settled.left
         doubts = clocks * np.abs(settled.others - settled.before) + self._drift
         doubts = doubts + self._on_the_way(np.minimum(low, left))
@@ -292,10 +271,8 @@ class _Columns:
         bias_v = plan.v_bias_v * (1.0 + abs(plan.drive.ripple))
         return np.minimum(given, bias_v / (converter.k * converter.i0_a))
 
-    def _meets_range(self, x: Floats, doubts: Floats) -> NDArray[np.bool_]:
-        """Return True where the charge may reach its limits, given the uncertainty in LSB over a
-        gate.
-        """
+    def _meets_range(self, x: Floats, doubts: Floats) -> Bools:
+        """Return True where the charge may reach its limits, given the uncertainty in LSB over a gate."""
         converter = self._converter
         levels_v = np.abs(converter.v_comp_offset_v) + converter.v_hysteresis_v / 2
         slack = (
@@ -314,9 +291,7 @@ class _Columns:
         return above | below | (x < 0.0) | self._moves
 
     def _over_gate(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return mean and end of the charge over a gate, for converters with a range and no other
-        effect.
-        """
+        """Return mean and end of the charge over a gate, for converters with a range and no other effect."""
         mean, end = np.empty_like(x), np.empty_like(x)
         ends = (self._held, self.level, self._low, self._high)
         start, level, low, high = (np.broadcast_to(v, x.shape[-1:]) + 0.0 for v in ends)
@@ -328,9 +303,7 @@ class _Columns:
 
 
 def _biting(converter: Converter) -> Floats:
-    """Return the lower and upper limit of the charge in packets, [2, cols]; infinite where no limit
-    is reached.
-    """
+    """Return the lower and upper limit of the charge in packets, [2, cols]; infinite where no limit is reached."""
     if not converter.range_clips():
         return np.broadcast_to([[-np.inf], [np.inf]], (2, converter.cols))
     return converter.range_v() * (1.0 + converter.inv_gain_dc) / converter.packet_v()
@@ -338,9 +311,7 @@ def _biting(converter: Converter) -> Floats:
 
 @numba.njit(cache=True, error_model="numpy")
 def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
-    """Return mean and end of the charge over a gate, for a converter whose charge stops at low and
-    high.
-    """
+    """Return mean and end of the charge over a gate, for a converter whose charge stops at low and high."""
     w, total, now, before = start, 0.0, False, False
     for _ in range(clocks):
         # The packet of the decision two edges ago is flowing in this clock.
@@ -358,8 +329,7 @@ def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
 
 @numba.njit(cache=True, error_model="numpy")
 def _walk_over_gate(x, start, level, low, high, clocks, mean, end):  # type: ignore
-    """Return mean and end of the charge over a gate, for converters with a range low .. high and no
-    other effect.
+    """Return mean and end of the charge over a gate, for converters with a range low .. high and no other effect.
 
     Where the range may be met, it is walked clock by clock. Elsewhere one m is decided at clock
     t = ceil((level - start + m) / x), where that is two clocks or more behind the one before, and its packet is gone

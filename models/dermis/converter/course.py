@@ -6,8 +6,6 @@ mean of such a function over a clock is known in closed form, so nothing is samp
 effects never comes here.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools
@@ -25,9 +23,8 @@ from dermis.converter.coupling import Coupling, DutyRange, couples, coupling
 from dermis.converter.ripple import GateCurrents
 from dermis.converter.vfc import X_INFINITE, Y_MIN
 from dermis.errors import InputError, SimulatorError
+from dermis.ndarrays import Floats
 from dermis.records import Drive, Plan
-
-Floats = NDArray[np.float64]
 
 FIELDS = frozenset({"ripple", "motion", "q_mirror_c"})
 """Fields that make the charge of a clock change within a gate."""
@@ -243,17 +240,13 @@ def charges_of(
 
     Parameters
     ----------
-    plan : Plan
-        Without coupled columns.
+    plan : without coupled columns
     gate_currents, idle : GateCurrents
         Of the frames that `cells` counts in; `idle` where a slow mirror sees a current while no row is driven.
-    phase : ndarray
-        [frames, rows] of the ripple.
-    output : ndarray or None
-        [frames, rows, cols] output of slow mirrors at the end of each slot.
+    phase : [frames, rows] of the ripple
+    output : [frames, rows, cols] output of slow mirrors at the end of each slot, or None
     cells : frame, row and column of each, [n]. Those that `depth` treats alike are fastest side by side.
-    depth : ndarray
-        [n] rows before its own that are walked as well, for the mirror.
+    depth : [n] rows before its own that are walked as well, for the mirror
 
     Yields
     ------
@@ -319,9 +312,7 @@ class Slots:
 
     Parameters
     ----------
-    plan : Plan
-    part : slice
-        Frames.
+    part : frames
 
     Attributes
     ----------
@@ -329,14 +320,10 @@ class Slots:
     terms : ndarray
         Their coefficients in packets a clock, [rows, terms, frames * cols], in front of compression, slow mirror
         and offset current.
-    idle : ndarray or None
-        Such coefficients while no row is driven, where that matters and is not nothing.
-    offset : ndarray
-        Added behind compression and mirror, packets a clock, [rows, frames * cols].
-    coupling : Coupling or None
-        Of the columns of the direct interface.
-    mean : ndarray
-        Charge a clock, mean over the gate, [frames, rows, cols] in packets; complete behind the last row.
+    idle : such coefficients while no row is driven, where that matters and is not nothing, or None
+    offset : added behind compression and mirror, packets a clock, [rows, frames * cols]
+    coupling : of the columns of the direct interface, or None
+    mean : charge a clock, mean over the gate, [frames, rows, cols] in packets; complete behind the last row
     """
 
     def __init__(self, plan: Plan, part: slice) -> None:
@@ -631,27 +618,19 @@ def _through_mirrors(own, cells):  # type: ignore
 def charges(  # type: ignore
     row, first, basis, terms, squeeze, lag, slow, idle, offset, most, out, mean
 ):
-    """Charge a clock of the cells first .. first + out.shape[1] of a row; returns the part of `out` that is the
-    gate.
+    """Charge a clock of the cells first .. first + out.shape[1] of a row; returns the part of `out` that is the gate.
 
     Parameters
     ----------
-    basis : Basis
-        The first row of a frame is settled where it is driven.
-    terms : [rows, terms, cells]
-        Coefficients of its functions, packets a clock.
-    squeeze : [cells] or None
-        Compression: x becomes x / (1 + |x| squeeze).
+    basis : the first row of a frame is settled where it is driven
+    terms : [rows, terms, cells], coefficients of its functions, packets a clock
+    squeeze : [cells] or None, compression: x becomes x / (1 + |x| squeeze)
     lag, slow : [cells] or None
         Time constant times output of the mirror in packets, and its output, which is carried on.
-    idle : [rows, terms, cells] or None
-        Coefficients in the pause, where no row is driven; None is no current.
-    offset : [rows, cells]
-        Added behind the mirror.
-    most : [cells]
-        Duty that drowns any packet: more, in front of the mirror and behind it, is that.
-    out, mean : [clocks of the slot, cells], [cells]
-        Results.
+    idle : [rows, terms, cells] or None, coefficients in the pause, where no row is driven; None is no current
+    offset : [rows, cells], added behind the mirror
+    most : [cells], duty that drowns any packet: more, in front of the mirror and behind it, is that
+    out, mean : [clocks of the slot, cells], [cells], results
     """
     clocks, count = basis.mean.shape
     # With its limit in sight the compiler knows that no place below wraps around.

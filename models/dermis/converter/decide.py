@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decide cells, compiled: from currents to levels and their error bounds to codes, or to cells that stay open."""
 
-from __future__ import annotations
-
 import math
 from collections import namedtuple
 
@@ -386,10 +384,8 @@ def decide_cells(gate, on, table, run, out, tally, ratios):  # type: ignore
     Parameters
     ----------
     gate, run, out : Gate, Run, Solved
-    on : [bounds.COUNT]
-        Factor on each bound; 0 is off.
-    table : [25, cols]
-        bounds.columns.
+    on : [bounds.COUNT], factor on each bound; 0 is off
+    table : [25, cols], bounds.columns
     """
     frames, rows, cols = run.currents[0].shape
     row, still, kappas = np.empty((INPUTS, cols)), np.zeros(cols), np.maximum(table[of.KAPPA], _KAPPA_MIN)

@@ -1,19 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Charge that capacitances bring into converters: upper bounds, not a simulation."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.array import settling
 from dermis.converter.vfc import W_PRESET, Y_MIN
 from dermis.errors import InputError
-
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 CAPACITANCES = frozenset({"c_row_f", "c_column_f", "c_taxel_f"})
 # Packets in a whole gate that lines may bring after they have settled: far below any bound of a level.

@@ -12,8 +12,6 @@ the end of the gate, then in the middle, each with the variance that is left. Th
 so needs log2 of the clocks in numbers, and no other clock.
 """
 
-from __future__ import annotations
-
 import math
 
 import numba
@@ -45,9 +43,7 @@ def _uniform(key, stream, counter):  # type: ignore
 
 @numba.njit(cache=True)
 def inverse_normal(p):  # type: ignore
-    """Return the quantile p of the standard normal distribution: AS241, relative error about
-    1e-16.
-    """
+    """Return the quantile p of the standard normal distribution: AS241, relative error about 1e-16."""
     q = p - 0.5
     # Where AS241 changes from one polynomial to the next.
     if abs(q) <= 0.425:
@@ -121,9 +117,7 @@ def _keys(seed, first_frame, out):  # type: ignore
 
 
 def cell_keys(seed: int, first_frame: int, shape: tuple[int, int, int]) -> NDArray[np.uint64]:
-    """One key a cell, [frames, rows, cols]; `first_frame` is the number of frame 0 in the whole
-    scene.
-    """
+    """One key a cell, [frames, rows, cols]; `first_frame` is the number of frame 0 in the whole scene."""
     out = np.empty(shape, dtype=np.uint64)
     _keys(np.uint64(seed), first_frame, out)
     return out
@@ -210,8 +204,7 @@ def walk_between(key, n, left, right, at_left, at_right, scale, low, high):  # t
 
 @numba.njit(cache=True)
 def walk_end(key, clocks, scale, fall):  # type: ignore
-    """Return scale W(clocks), and how far scale W is above it at most at any clock before, less `fall` a
-    clock.
+    """Return scale W(clocks), and how far scale W is above it at most at any clock before, less `fall` a clock.
 
     Only the numbers on the way to the end are drawn; between them W is at most 8 standard deviations
     above the line from one to the next.
@@ -248,9 +241,7 @@ def _path(key, clocks, out):  # type: ignore
 
 
 def path(key: int, clocks: int) -> NDArray[np.float64]:
-    """Return the whole Brownian path of one cell, W(0) .. W(clocks), of which the loops draw only
-    parts.
-    """
+    """Return the whole Brownian path of one cell, W(0) .. W(clocks), of which the loops draw only parts."""
     out = np.empty(clocks + 1)
     _path(np.uint64(key), clocks, out)
     return out

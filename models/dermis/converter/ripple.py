@@ -3,25 +3,19 @@
 (converter.course).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.converter.vfc import X_INFINITE
-from dermis.errors import InputError
+from dermis.ndarrays import Floats
 from dermis.records import Plan
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class GateCurrents:
-    """Column currents of some frames at the beginning and at the end of every gate, [frames, rows,
-    cols] each.
+    """Column currents of some frames at the beginning and at the end of every gate, [frames, rows, cols] each.
 
     `follows` goes with the bias, `rest` does not. The bends are what both are in the middle of the
     gate beyond the mean of its ends, None where everything goes straight.
@@ -59,9 +53,7 @@ def _within(plan: Plan) -> tuple[float, float]:
 
 
 def may_bend(plan: Plan) -> bool:
-    """Return True if a fast and large ripple meets a non-linear effect, so that `bent` must be
-    evaluated.
-    """
+    """Return True if a fast and large ripple meets a non-linear effect, so that `bent` must be evaluated."""
     if not plan.drive.ripple or not bends_courses(plan):
         return False
     clocks = plan.timing.gate_clocks
@@ -150,23 +142,10 @@ def bent(plan: Plan, gate_currents: GateCurrents) -> dict[str, Floats]:
 
 
 def check(plan: Plan, gate_currents: GateCurrents) -> None:
-    """Refuse frames in which the waveform of a ripple within clocks may move a code by more than 1
-    LSB.
-
-    Raises
-    ------
-    InputError
-        See above.
-    """
+    """Raise InputError where the waveform of a ripple within clocks may move a code by more than 1 LSB."""
     if not bends_courses(plan):
         return
     for name, counts in bent(plan, gate_currents).items():
         if (counts > _BENT).any():
-            beside = plan.effects_of_field(name)
-            raise InputError(
-                plan.scene.path,
-                "effects.supply_ripple",
-                f"on together with {', '.join(beside)}",
-                f"a ripple whose waveform within a clock is certain to {_BENT:g} LSB (here {counts.max():.2g}); "
-                "use engine cosim",
-            )
+            beside, what = plan.effects_of_field(name), "a ripple whose waveform within a clock"
+            raise plan.unsure("supply_ripple", beside, what, _BENT, counts.max())

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The synchronized voltage-to-frequency converter: charge balance as a formula, and its exact slow
-twin.
+"""The synchronized voltage-to-frequency converter: charge balance as a formula, and its exact slow twin.
 
 Charge is counted in packets (one packet = i0 / f_clk). w is the stored charge, x = iD / i0 what one
 clock adds, and
@@ -9,8 +8,6 @@ clock adds, and
 
 starting from w0 = -1/2 when the preset is released (docs/scenes.md, "Converter convention").
 """
-
-from __future__ import annotations
 
 import dataclasses
 import functools
@@ -109,16 +106,12 @@ class Converter:
         return self.i0_a / self.f_clk_hz / self.c_int_f
 
     def range_v(self) -> NDArray[np.float64]:
-        """Lower and upper end of the charge as a voltage on c_int_f, [2, cols]: the output's, by
-        the sign of charge.
-        """
+        """Lower and upper end of the charge as a voltage on c_int_f, [2, cols]: the output's, by the sign of charge."""
         ends = self.v_sign * self.v_int_min_v, self.v_sign * self.v_int_max_v
         return np.array([np.minimum(*ends), np.maximum(*ends)])
 
     def range_clips(self) -> bool:
-        """Return True if the range of an integrator is so small that it loses charge in normal
-        use.
-        """
+        """Return True if the range of an integrator is so small that it loses charge in normal use."""
         room = np.minimum(self.v_int_max_v, -self.v_int_min_v)
         # A range of exactly _SWING_PACKETS, up to rounding, is enough.
         return bool(np.any(room < _SWING_PACKETS * self.packet_v() * (1.0 - 1e-9)))
@@ -128,9 +121,7 @@ class Converter:
         return X_MAX * np.maximum(1.0 + self.packet_error, 1.0)
 
     def duty(self, i_column_a: ArrayLike) -> NDArray[np.float64]:
-        """x = (gain * i / k + i_offset) / i0 of column currents [..., cols] in ampere, i
-        compressed first.
-        """
+        """x = (gain * i / k + i_offset) / i0 of column currents [..., cols] in ampere, i compressed first."""
         i_column = np.asarray(i_column_a, dtype=float)
         if self.inv_i_range_a.any():
             # 1 / (1/|i| + a) is |i| / (1 + |i| a) and has a limit for a short, and for what is next to nothing.
@@ -191,19 +182,14 @@ def count_exact(
     packet: Fraction | int | float = 1,
     threshold: Fraction | int | float = 0,
 ) -> int:
-    """Count the ones of `clocks` decisions, walking through them in exact rationals: the slow
-    reference.
+    """Count the ones of `clocks` decisions, walking through them in exact rationals: the slow reference.
 
     Parameters
     ----------
-    x : rational
-        Packets added a clock. A float is taken at its exact binary value.
-    clocks : int
-        Number of decisions.
-    w0 : rational
-        Charge before the first clock, in packets.
-    packet, threshold : rational
-        What a one takes away, and the level of the decision, in ideal packets.
+    x : packets added a clock; a float is taken at its exact binary value
+    clocks : number of decisions
+    w0 : charge before the first clock, in packets
+    packet, threshold : what a one takes away, and the level of the decision, in ideal packets
     """
     x, w, packet, threshold = Fraction(x), Fraction(w0), Fraction(packet), Fraction(threshold)
     ones, last = 0, False
@@ -215,21 +201,28 @@ def count_exact(
     return ones
 
 
-def count_rational(x: Fraction, clocks: int, w0: Fraction = Fraction(-1, 2)) -> int:
-    """Count by the closed formula in exact rationals: floor(w0 + N x) + 1, every second clock above
-    x = 1/2.
+def count_rational(
+    x: Fraction | float,
+    clocks: int,
+    w0: Fraction | float = Fraction(-1, 2),
+    packet: Fraction | float = 1,
+    threshold: Fraction | float = 0,
+) -> int:
+    """Count by the closed formula in exact rationals; arguments as of `count_exact`, also an infinite x.
 
-    Valid for -1 <= w0 < 0 and packets of 1. Over N clocks the count differs from N x by less than
-    1, and two windows of equal length differ by at most 1.
+    Over N clocks of packets of 1 the count differs from N x <= N / 2 by less than 1, and two windows of equal length
+    differ by at most 1.
     """
-    if not -1 <= w0 < 0:
-        raise ValueError(f"w0 = {w0} is outside [-1, 0)")
-    if x < -w0 / clocks:
-        return 0
-    if x <= Fraction(1, 2):
-        return math.floor(w0 + clocks * x) + 1
-    first = math.ceil(-w0 / x)
-    return (clocks - first) // 2 + 1
+    every_second = (clocks + 1) // 2
+    if math.isinf(x):
+        return every_second if x > 0 else 0
+    x, p, s = Fraction(x), Fraction(packet), Fraction(threshold) - Fraction(w0)
+    if x < 0:
+        return min(every_second, max(0, math.floor((x - s) / (p - 2 * x)) + 1)) if x >= s else 0
+    if 2 * x <= p:
+        return min(every_second, max(0, math.floor((clocks * x - s) / p) + 1))
+    first = max(1, math.ceil(s / x))
+    return (clocks - first) // 2 + 1 if first <= clocks else 0
 
 
 def count(
@@ -243,12 +236,9 @@ def count(
 
     Parameters
     ----------
-    x : array_like
-        Packets a clock; -inf..inf, no NaN.
-    clocks : int
-        Decisions in the gate, N.
-    w0, packet, threshold : array_like
-        As in `count_exact`; packet > 0.
+    x : packets a clock; -inf..inf, no NaN
+    clocks : decisions in the gate, N
+    w0, packet, threshold : as in `count_exact`; packet > 0
 
     Notes
     -----
@@ -277,27 +267,13 @@ def count(
     if not (packet > 0).all():
         raise ValueError("packet must be above 0")
     if clocks > LONGEST_GATE:
-        each = np.vectorize(lambda *cell: _count_of_rationals(clocks, *cell), otypes=[np.int64])
+        each = np.vectorize(lambda x, *start: count_rational(x, clocks, *start), otypes=[np.int64])
         return each(x, w0, packet, threshold)
     found = np.empty(x.size, dtype=np.int64)
     from dermis.converter.vfc_loops import count_all  # numba takes 0.4 s to load
 
     count_all(x.ravel(), clocks, (threshold - w0).ravel(), packet.ravel(), found)
     return found.reshape(x.shape)
-
-
-def _count_of_rationals(clocks: int, x: float, w0: float, packet: float, threshold: float) -> int:
-    """Count of the closed formula in exact rationals; see the notes of `count`."""
-    every_second = (clocks + 1) // 2
-    if math.isinf(x):
-        return every_second if x > 0 else 0
-    x, p, s = Fraction(x), Fraction(packet), Fraction(threshold) - Fraction(w0)
-    if x < 0:
-        return min(every_second, max(0, math.floor((x - s) / (p - 2 * x)) + 1)) if x >= s else 0
-    if 2 * x <= p:
-        return min(every_second, max(0, math.floor((clocks * x - s) / p) + 1))
-    first = max(1, math.ceil(s / x))
-    return (clocks - first) // 2 + 1 if first <= clocks else 0
 
 
 def code(x: ArrayLike, clocks: int = 510, code_max: int = 255, **start: ArrayLike) -> NDArray[np.int64]:
@@ -311,8 +287,7 @@ def code_type(code_max: int) -> type[np.unsignedinteger]:
 
 
 def count_restarting(x: ArrayLike, clocks: int = 512) -> NDArray[np.int64]:
-    """Count of the paper's eq. (3): every cycle restarts at the threshold and lasts ceil(1/x) whole
-    clocks.
+    """Count of the paper's eq. (3): every cycle restarts at the threshold and lasts ceil(1/x) whole clocks.
 
     A different machine from charge balance, kept to show both. Over N clocks it gives ceil(N /
     ceil(1/x)) pulses with the first at clock 0; x = 0 gives 0 and no cycle is shorter than two

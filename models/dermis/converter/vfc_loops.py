@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The count of `vfc.count`, compiled."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

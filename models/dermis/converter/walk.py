@@ -9,8 +9,6 @@ makes the input change inside a gate, its mean over each clock takes the place o
 (converter.course); noise is drawn only where it can change a decision (dermis.converter.noise).
 """
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass, fields
 from typing import NamedTuple
@@ -26,9 +24,8 @@ from dermis.converter.ripple import GateCurrents
 from dermis.converter.vfc import W_PRESET, Converter
 from dermis.errors import SimulatorError
 from dermis.fields import FAMILIES
+from dermis.ndarrays import Floats
 from dermis.records import Plan
-
-Floats = NDArray[np.float64]
 
 RANDOM = FAMILIES["noise"]
 
@@ -107,9 +104,7 @@ def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None 
 
 
 def _cells(converter: Converter, x: Floats, g_in_s: Floats | None) -> Cells:
-    """Cells of duties x, the fields of whose converters broadcast to x; `g_in_s` is None where no
-    charge is lost.
-    """
+    """Cells of duties x, the fields of whose converters broadcast to x; `g_in_s` is None where no charge is lost."""
     packet_v = converter.packet_v()
     # Output of the integrator over the voltage of its capacitor.
     amplitude = 1.0 / (1.0 + converter.inv_gain_dc)
@@ -157,9 +152,7 @@ def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64
 
 
 def _noise_variance(plan: Plan, g_taxel_s: Floats) -> Floats:
-    """Variance of charge a clock in packets^2 that does not depend on x: thermal noise, [frames, 1,
-    cols].
-    """
+    """Variance of charge a clock in packets^2 that does not depend on x: thermal noise, [frames, 1, cols]."""
     return path_variance(plan.converter, np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True))
 
 
@@ -173,9 +166,7 @@ def path_variance(converter: Converter, column_s: Floats) -> Floats:
 def noise_rows(
     converter: Converter, x: Floats, variance: Floats, column: NDArray[np.int64] | slice = slice(None)
 ) -> Floats:
-    """Rows of `Noise` for mean duties x [..., column]; per-packet noise comes at the mean rate of
-    packets.
-    """
+    """Rows of `Noise` for mean duties x [..., column]; per-packet noise comes at the mean rate of packets."""
     x = np.minimum(np.abs(x), _X_NOISE_MAX)
     rate = np.minimum(x, 0.5)
     shot = (converter.q_shot_c * converter.f_clk_hz / converter.i0_a)[column]
@@ -239,8 +230,7 @@ def rows_of(cells: Cells, charge_delay: float) -> Rows:
 def count_cells(
     cells: Cells, clocks: int, charge_delay: float, draws: Noise | None = None
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Count the ones of `clocks` decisions and return (counts, charge at the end), shaped as
-    `cells.x`.
+    """Count the ones of `clocks` decisions and return (counts, charge at the end), shaped as `cells.x`.
 
     A one decided at clock n takes its packet out between clocks n + D and n + D + 1, D = `charge_delay` in
     0..1. A loop is compiled for each kind of cell: none of them tests for an effect that is off.
@@ -287,9 +277,7 @@ def walk_cells(
 
 
 def _check_charge(end: Floats) -> None:
-    """Raise SimulatorError if a charge is not finite: a comparator fed with NaN would read as an
-    unpressed taxel.
-    """
+    """Raise SimulatorError if a charge is not finite: a comparator fed with NaN would read as an unpressed taxel."""
     if not np.isfinite(end).all():
         raise SimulatorError("engine event: the charge of a converter is not a finite number")
 
@@ -297,9 +285,7 @@ def _check_charge(end: Floats) -> None:
 def _count_slots(
     plan: Plan, part: slice, slots: Slots, g_taxel_s: Floats, keys: NDArray[np.uint64] | None
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Count as `count_cells` if the charge changes from clock to clock: row after row, in blocks of
-    cells.
-    """
+    """Count as `count_cells` if the charge changes from clock to clock: row after row, in blocks of cells."""
     timing, converter, shape = plan.timing, plan.converter, g_taxel_s.shape
     cells = cells_of(plan, np.zeros(shape), g_taxel_s, slots.coupling)
     variance = None
@@ -360,9 +346,7 @@ def columns_of(converter: Converter, col: NDArray[np.intp]) -> Converter:
 
 
 def _cells_chosen(plan: Plan, chosen: Chosen, converter: Converter) -> Cells:
-    """The chosen cells [n] as `cells_of` gives them, with the noise of their slots; `converter` has
-    theirs.
-    """
+    """The chosen cells [n] as `cells_of` gives them, with the noise of their slots; `converter` has theirs."""
     g_in = None
     if plan.converter.inv_gain_dc.any() or plan.converter.t_gbw_s.any():
         g_in = converter.g_in_s
@@ -373,9 +357,7 @@ def _cells_chosen(plan: Plan, chosen: Chosen, converter: Converter) -> Cells:
 
 
 def count_chosen(plan: Plan, chosen: Chosen) -> NDArray[np.int64]:
-    """Return counts [n] of chosen cells, equal to those of `run`: random numbers depend on the cell
-    alone.
-    """
+    """Return counts [n] of chosen cells, equal to those of `run`: random numbers depend on the cell alone."""
     timing, active = plan.timing, plan.active_fields()
     converter = columns_of(plan.converter, chosen.col)
     cells = _cells_chosen(plan, chosen, converter)

@@ -12,8 +12,6 @@ within noise of its level, a comparator inside its window, a charge at a limit) 
 computed afterwards, one at a time.
 """
 
-from __future__ import annotations
-
 import math
 
 import numba
@@ -59,8 +57,7 @@ SWIFT = 0.1
 
 @numba.njit(cache=True)
 def plain(x, w0, packet, rise, clocks, charge_delay, counts, w_end):  # type: ignore
-    """The ideal converter: n * x is rounded once and never summed up, so this is the closed formula
-    to the last bit.
+    """The ideal converter: n * x is rounded once and never summed up, so this is the closed formula to the last bit.
 
     Whenever a decision is open, every packet before it is complete, so the delay of the charge does
     not enter.
@@ -90,8 +87,7 @@ def _grow(rate, length):  # type: ignore
 
 @numba.njit(cache=True, error_model="numpy")
 def grid_step(sigma, clocks):  # type: ignore
-    """Return the cheapest grid of the Brownian paths in clocks; the paths themselves do not depend on
-    it.
+    """Return the cheapest grid of the Brownian paths in clocks; the paths themselves do not depend on it.
 
     A number costs about 20 ns; a decision looked at closely, 100 ns; it is where the level is
     within 8 sigma of what the grid leaves open, sqrt(step) / 2.
@@ -161,8 +157,7 @@ def modes(w0, packet, leak, across, delay, lag, late, slow, fast, latch, early):
 
 @numba.njit(cache=True, error_model="numpy")
 def _piece(slow, fast, a, b, lag, current, length, low, high):  # type: ignore
-    """Return (a, b) after a piece of constant current, and the turning point of the output inside
-    it, or nan.
+    """Return (a, b) after a piece of constant current, and the turning point of the output inside it, or nan.
 
     The charge stops at low and high. a + b is the output, (w - output) / lag its slope.
     """
@@ -234,9 +229,7 @@ def _piece(slow, fast, a, b, lag, current, length, low, high):  # type: ignore
 def _closely(  # type: ignore
     slow, fast, a, b, lag, x, packet, before, last, late, sample, rise, fall, shift, low, high, state
 ):
-    """One clock of one cell, piece by piece: (seen, sampled output, state, a, b); `shift` moves the
-    sample alone.
-    """
+    """One clock of one cell, piece by piece: (seen, sampled output, state, a, b); `shift` moves the sample alone."""
     seen = state
     sampled = a + b
     now = 0.0
@@ -330,9 +323,7 @@ def _load_noise(cells, c, i, fast, latch, window, lag, noise, step):  # type: ig
 
 @_part
 def _within(value, cells, c, fast, latch, limits):  # type: ignore
-    """Keep an output in its range where the charge goes one way through a clock: its end is then
-    bounded alike.
-    """
+    """Keep an output in its range where the charge goes one way through a clock: its end is then bounded alike."""
     if limits is not None:
         if fast is None:
             if latch is None:
@@ -375,9 +366,7 @@ def _stays(cells, c):  # type: ignore
 
 @_part
 def _decision(cells, c, sample, output, early, window, noise):  # type: ignore
-    """Return whether a clock gives a one, and whether noise or the window of the comparator may
-    change that.
-    """
+    """Return whether a clock gives a one, and whether noise or the window of the comparator may change that."""
     may_rise = cells[Q1 + c] == 0.0
     if noise is not None:
         cells[SAMPLE + c] = sample
@@ -526,35 +515,24 @@ def walk(  # type: ignore
     clocks, late, x, slow, fast, latch, early, rise, window, limits, lag, noise, keys, step, begin,
     stop, counts, end,
 ):  # fmt: skip
-    """Count the ones of `clocks` decisions for every cell; the charge after the last one into
-    `end`.
+    """Count the ones of `clocks` decisions for every cell; the charge after the last one into `end`.
 
     Parameters
     ----------
-    clocks, late : int, float
-        Decisions, and clocks between a decision and the beginning of its packet.
-    x : [1 or clocks, stop - begin]
-        Charge of every clock, or the one charge of all clocks.
-    slow, fast : [8, n]
-        The two exponentials (`fast` None: bandwidth is infinite).
+    clocks, late : decisions, and clocks between a decision and the beginning of its packet
+    x : [1 or clocks, stop - begin], charge of every clock, or the one charge of all clocks
+    slow, fast : [8, n], the two exponentials (`fast` None: bandwidth is infinite)
     latch : [2, n] or None
         What the packet that begins inside a clock takes away in it (None: packets begin at clock edges).
-    early : [6, n] or None
-        The sample ahead of the clock edge.
-    rise : [n]
-        Level of the comparator.
-    window : [n] or None
-        Level at which it falls again (None: at the same).
-    limits : [2, n] or None
-        Range of the charge.
+    early : [6, n] or None, the sample ahead of the clock edge
+    rise : [n], level of the comparator
+    window : [n] or None, level at which it falls again (None: at the same)
+    limits : [2, n] or None, range of the charge
     noise : [4, n], keys : [n], step : int, or all None
         What is random, and how far apart the Brownian path is laid out beforehand.
-    lag : [n] or None
-        Time constant of the output; with `fast` only.
-    begin, stop : int
-        Which of the n cells.
-    counts, end : [n]
-        Results.
+    lag : [n] or None, time constant of the output; with `fast` only
+    begin, stop : which of the n cells
+    counts, end : [n], results
     """
     # One array for all that the loop over cells touches: that its parts do not overlap is then plain to the
     # compiler, which otherwise gives up vector instructions rather than compare every pair of them.

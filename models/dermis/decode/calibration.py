@@ -24,11 +24,10 @@ from dermis.decode.memory import MemoryLaw
 from dermis.errors import InputError
 from dermis.files import text_of, write_atomic
 from dermis.machine_code import argument
+from dermis.ndarrays import Floats
 from dermis.records import Plan, setting_of
 from dermis.scene.front_end import FrontEnd
 from dermis.scene.sensor import SensorState, spread_factor
-
-Floats = NDArray[np.float64]
 
 FORMAT = 1
 COVERAGE_SIGMA = 3.5

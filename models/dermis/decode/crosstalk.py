@@ -1,19 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solve the array backwards: from column currents to the conductance of every taxel."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dermis import fields
 from dermis.array.array import Network, column_currents
-
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Bools, Floats
 
 TOLERANCE = 1e-13
 """Relative change of every conductance in a sweep that ends the sweeps; doubles resolve 2e-16."""
@@ -56,7 +53,7 @@ class Solved:
     conductance_s: Floats
     error_s: Floats
     residual: Floats
-    converged: NDArray[np.bool_]
+    converged: Bools
     current_a: Floats
 
 

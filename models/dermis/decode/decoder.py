@@ -21,9 +21,8 @@ from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
 from dermis.decode.law import force_of
 from dermis.decode.memory import SheetMemory, undo_frame, writable
+from dermis.ndarrays import Floats
 from dermis.scene.sensor_loops import advance_creep
-
-Floats = NDArray[np.float64]
 
 ZERO, SATURATED, SHORT, UNSOLVED, NEAR_SATURATED = 1, 2, 4, 8, 16
 """Bits of Forces.flags."""

@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decode codes into duty, resistance and force, with the step of each code."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dermis.converter.vfc import W_PRESET
+from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +32,8 @@ class Decoded:
     force_high_n: Floats
     d_force_n: Floats
     d_resistance_ohm: Floats
-    zero: NDArray[np.bool_]
-    saturated: NDArray[np.bool_]
+    zero: Bools
+    saturated: Bools
 
 
 def decode(plan: Plan, codes: ArrayLike, corrected: bool = False) -> Decoded:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identify chip, network, sheet and memory from measurements, each with its uncertainty."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -18,8 +16,7 @@ from dermis.array.array import Network
 from dermis.decode import crosstalk, law
 from dermis.decode.calibration import COVERAGE_SIGMA, UNSEEN_DECADES, Calibration, Mode
 from dermis.decode.memory import MemoryLaw, SheetMemory
-
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 NETWORK_START = {
     "r_row_driven_ohm": 1.0, "r_column_ohm": 0.5, "g_lateral_row_s": 1e-4, "r_trace_row_ohm": 0.05,

@@ -1,20 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The law of a sheet for decoding: force as a function of conductance, known or fitted."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import isotonic_regression
 
 from dermis.machine_code import argument
+from dermis.ndarrays import Floats
 from dermis.scene.sensor import InverseSensor, PowerSensor
-
-Floats = NDArray[np.float64]
 
 _BISECTIONS = 200
 CONTRADICTION = 0.2
@@ -185,8 +182,3 @@ def _table(g: Floats, force: Floats) -> Curve:
     # Both ends go on as power laws; force_of continues the first piece below its knot.
     rows = np.vstack([[values[0] - first, first, 0, 0], spline.c[::-1].T, [values[-1], last, 0, 0]])
     return Curve("table", True, np.r_[knots[0] - 1.0, knots], np.ascontiguousarray(rows))
-
-
-def rms_error_n(curve: Curve, conductance_s: Floats, force_n: Floats) -> float:
-    """Return the rms difference in newtons between a curve and loads."""
-    return float(np.sqrt(np.mean((curve.force_n(conductance_s) - force_n) ** 2)))

@@ -13,10 +13,9 @@ from numpy.typing import DTypeLike, NDArray
 from dermis.errors import InputError
 from dermis.files import atomic
 from dermis.machine_code import argument
+from dermis.ndarrays import Floats
 from dermis.scene.sensor import creep_rates
 from dermis.scene.sensor_loops import advance_creep
-
-Floats = NDArray[np.float64]
 
 LOG_OPEN = -80.0
 """Logarithm of the conductance of an open taxel: 1e-35 S."""

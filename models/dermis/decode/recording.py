@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read a recording of any tactile array, from a text to a ROS 2 bag, with time, units and missing taxels."""
 
-from __future__ import annotations
-
 import contextlib
 import gzip
 import io
@@ -14,16 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.decode import recording_bag, recording_parquet
 from dermis.decode import recording_text as text
 from dermis.decode.recording_text import Found, Layout, warn
 from dermis.errors import InputError, counted, optional
+from dermis.ndarrays import Bools, Floats
 from dermis.scene.schema import read_bytes
 from dermis.scene.stimulus import FILE_BYTES_MAX, VALUES_MAX, npy_array, npz_member
-
-Floats = NDArray[np.float64]
 
 UNITS = ("codes", "newtons", "kpa", "ohm")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
@@ -60,7 +56,7 @@ class Recording:
 
     values: Floats
     time_s: Floats
-    present: NDArray[np.bool_]
+    present: Bools
     time_from: str
     unit: str | None = None
     area_mm2: float | None = None
@@ -140,8 +136,8 @@ def _gaps(path: Path, frames: Floats, gaps: str) -> Floats:
     if gaps == "hold":
         frames = held(frames)
         said = f"held from the frame before; {np.isnan(frames).sum()} have none"
-    count = f"{missing.sum()} values are missing in {missing.any(axis=(1, 2)).sum()} frames"
-    warn(path, f"{count}, first {where}: {said}")
+    count = counted(int(missing.sum()), "missing value")
+    warn(path, f"{count} in {counted(int(missing.any(axis=(1, 2)).sum()), 'frame')}, first {where}: {said}")
     return frames
 
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS 2 bags, MCAP and sqlite3, through rosbags: arrays of numbers and images as frames."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -1,20 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parquet, as pandas, polars and pyarrow write it: a table whose columns have names."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.decode.recording_text import Layout, Table, is_time
 from dermis.errors import InputError, optional
-
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 
 class Columns(Table):

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of text: marks, names of columns, frames with boundaries, and exports of Tekscan and XSENSOR."""
 
-from __future__ import annotations
-
 import codecs
 import contextlib
 import csv
@@ -20,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.errors import InputError, one_line, quoted
+from dermis.ndarrays import Floats
 from dermis.scene.stimulus import VALUES_MAX
-
-Floats = NDArray[np.float64]
 
 _WORDS = r"time|t|ts|stamp|timestamp|elapsed|zeit|(nano|micro|milli)?seconds?|minutes|hours|[nmu]?s(ecs?)?"
 _CLOCKED = rf"[%#]?(.*[./ _])?({_WORDS})"

@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hysteresis and creep of many sheets as streams: a few numbers a taxel instead of a state for every rate."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from dermis.decode.memory import MemoryLaw
-
-Floats = NDArray[np.float64]
 
 PULSES = 16
 """Loads that a taxel remembers one by one; of more, the two that are hardest to tell apart by now become one."""

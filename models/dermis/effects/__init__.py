@@ -5,8 +5,6 @@ One file a family holds its effects: parameters, fields, bounds and words. To ad
 entry there; engines and decks read the record fields and need nothing else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of the array: sheet, row drivers, wires, inputs of the columns."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of the comparator: its level, its window and its delay."""
 
-from __future__ import annotations
-
 import functools
 
 from dermis import bounds

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of the integrator: its input current, gain, range and bandwidth."""
 
-from __future__ import annotations
-
 import math
 
 from dermis import bounds

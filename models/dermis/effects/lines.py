@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of the lines between taxels: their resistance and capacitance."""
 
-from __future__ import annotations
-
 from dermis.effects.effect import exact_effect, not_negative
 
 EFFECTS = (

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of the k:1 mirror between conveyor and converter."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects in time: ripple of the bias, and forces that change within a frame."""
 
-from __future__ import annotations
-
 import math
 
 from dermis import bounds

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random effects: noise of currents, voltages and packets, jitter of clocks, metastability."""
 
-from __future__ import annotations
-
 import functools
 import math
 from typing import Any

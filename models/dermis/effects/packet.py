@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of the charge source: errors of the packets and of the preset."""
 
-from __future__ import annotations
-
 from dermis.effects.effect import column, exact_effect, number, too_warm
 
 EFFECTS = (

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of the sheet itself; they change the resistances before any engine sees them."""
 
-from __future__ import annotations
-
 import functools
 
 from dermis.effects.effect import exact_effect, not_negative, number, share, too_warm

@@ -6,8 +6,6 @@ numbers, so its codes are those that it has in a run of the whole plan, however 
 and whoever runs them.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import itertools
@@ -48,16 +46,12 @@ def run(
 
     Parameters
     ----------
-    plan : Plan
     progress : called with the number of row slots done so far, over all parts
     processes : processes of this machine; 1 runs the plan here, uncut
     options : passed to the engine
 
-    Returns
-    -------
-    Result
-        As from engines.run; of the engine's further results, arrays of one value a frame are joined, others
-        are kept where all parts agree.
+    Returns what engines.run does; of the engine's further results, arrays of one value a frame are joined, others are
+    kept where all parts agree.
 
     InputError for engine cosim with processes (it has its own), and the plan's own; SimulatorError if a worker died.
     """

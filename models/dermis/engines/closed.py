@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The closed engine: one array solve a frame and the exact pulse-count formula."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -35,18 +33,13 @@ def refuses(plan: Plan) -> InputError | None:
 def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     """Run a plan; `progress` is called with the number of row slots done so far.
 
-    Returns
-    -------
-    Result
-        codes [frames, rows, cols]; info["x"] is the duty that they count.
+    Returns codes [frames, rows, cols]; info["x"] is the duty that they count.
     """
     injection.check_lines(plan)
     base = plan.network(0)
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
     x = np.empty(plan.resistance_ohm.shape)
-    step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
-    for first in range(0, plan.frames, step):
-        part = slice(first, min(first + step, plan.frames))
+    for part in plan.parts(_VALUES_AT_ONCE):
         x[part] = plan.converter.duty(column_currents(base, plan.conductance_s(part)))
         codes[part] = codes_of(plan, x[part])
         if progress is not None:

@@ -4,8 +4,6 @@
 In a scene with auto the chip scans only the rows that engine event leaves open (masking.py).
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os
@@ -65,7 +63,6 @@ def run(
 
     Parameters
     ----------
-    plan : Plan
     progress : called with the number of row slots done so far, over all processes
     simulator : "icarus" or "verilator"
     sync_latch : build the chip with the flip-flop + latch synchronizer
@@ -74,12 +71,9 @@ def run(
     record : keep waveforms (info["trace"], info["waves"])
     work : directory for decks and logs, emptied first; default one in build/cosim that stays only after a failure
 
-    Returns
-    -------
-    Result
-        codes uint8 [frames, rows, cols]; info has seconds, those of a processor, ngspice's step counts, by frame the
-        attempts that ngspice gave up (docs/ladder.md; on stderr as well), in a scene with auto the rows that were
-        solved and, if recorded, the records.
+    Returns codes uint8 [frames, rows, cols]; info has seconds, those of a processor, ngspice's step counts, by frame
+    the attempts that ngspice gave up (docs/ladder.md; on stderr as well), in a scene with auto the rows that were
+    solved and, if recorded, the records.
 
     InputError for an effect that the exact half would have to ignore, or an array or timing that the chip is not made
     for; SimulatorError if either simulator failed, stopped answering or left no result.

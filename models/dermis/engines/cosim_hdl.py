@@ -4,8 +4,6 @@
 Its job is a directory: job.pickle in; progress, result.pickle and logs out.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import traceback

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work of one child process of engine cosim: plain records, so that it loads neither scenes nor compiled loops."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The event engine: the charge balance of every taxel clock by clock, exact between clocks, no time step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -59,21 +57,16 @@ def _refuses_displaced(plan: Plan) -> InputError | None:
         return None
     for name, counts in injection.counts(plan).items():
         if (counts > _DISPLACED).any():
-            value = f"on together with {', '.join(plan.effects_of_field(name))}"
-            allowed = f"injected charge that is certain to {_DISPLACED:g} LSB (here {counts.max():.2g})"
-            allowed += "; use engine cosim"
-            return InputError(plan.scene.path, "effects.line_capacitance", value, allowed)
+            beside = plan.effects_of_field(name)
+            return plan.unsure("line_capacitance", beside, "injected charge that", _DISPLACED, counts.max())
     return None
 
 
 def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     """Run a plan; `progress` is called with the number of row slots done so far.
 
-    Returns
-    -------
-    Result
-        codes [frames, rows, cols]; info["x"] is their duty (mean over the gate), info["w_end"] the
-        charge at the end of the gate in packets.
+    Returns codes [frames, rows, cols]; info["x"] is their duty (mean over the gate), info["w_end"] the charge at the
+    end of the gate in packets.
 
     InputError for the direct interface with finite gain and impedances that couple its columns by more than a count.
     """
@@ -83,9 +76,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     timing = plan.timing
     random = bool(plan.active_fields() & walk.RANDOM)
     injection.check_lines(plan)
-    step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
-    for first in range(0, plan.frames, step):
-        part = slice(first, min(first + step, plan.frames))
+    for part in plan.parts(_VALUES_AT_ONCE):
         counts, x_all[part], w_end[part] = walk.count_frames(plan, part, random)
         codes[part] = np.minimum(counts, timing.code_max)
         if progress is not None:

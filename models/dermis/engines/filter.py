@@ -6,8 +6,6 @@ codes can no longer change. The others are counted by engine event with everythi
 event, for random numbers depend on the cell alone (docs/auto.md).
 """
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Callable
@@ -25,12 +23,11 @@ from dermis.converter.ripple import GateCurrents
 from dermis.converter.vfc import code_type
 from dermis.effects import EFFECTS
 from dermis.engines import Result, event
+from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
 
 HONOURS, refuses = event.HONOURS, event.refuses
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Cells = tuple[NDArray[np.intp], ...]
 
 _VALUES_AT_ONCE = 1 << 14  # cells, as in engine event
@@ -90,10 +87,7 @@ def merged(tables: list[dict[str, Any]]) -> dict[str, Any]:
 def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     """Run a plan; the codes are those of engine event.
 
-    Returns
-    -------
-    Result
-        codes [frames, rows, cols]; info["filter"] is the table of verdicts.
+    Returns codes [frames, rows, cols]; info["filter"] is the table of verdicts.
     """
     if reason := undecidable(plan):
         result = event.run(plan, progress)
@@ -102,7 +96,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     injection.check_lines(plan)
     table = Table(bounding(plan))
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
-    for part in _parts(plan):
+    for part in plan.parts(_VALUES_AT_ONCE):
         codes[part] = _Part(plan, part, table).codes()
         if progress is not None:
             progress(part.stop * plan.rows)
@@ -118,7 +112,7 @@ def decide(plan: Plan, apart_lsb: Floats) -> tuple[NDArray[np.unsignedinteger], 
     """Return the codes of `run`, and the cells that are open where levels may be off by `apart_lsb` [cols] packets."""
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
     open_ = np.empty(codes.shape, dtype=bool)
-    for frames in _parts(plan):
+    for frames in plan.parts(_VALUES_AT_ONCE):
         part = _Part(plan, frames, Table(bounding(plan)), apart_lsb)
         codes[frames], open_[frames] = part.codes(), part.s.open
     return codes, open_
@@ -127,11 +121,6 @@ def decide(plan: Plan, apart_lsb: Floats) -> tuple[NDArray[np.unsignedinteger], 
 def bounding(plan: Plan) -> dict[str, Bounding]:
     """Bounds of the effects that are on and that engine closed does not honour."""
     return {name: b for name in plan.on if (b := EFFECTS[name].bound) is not bounds.honoured}
-
-
-def _parts(plan: Plan) -> list[slice]:
-    step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
-    return [slice(first, min(first + step, plan.frames)) for first in range(0, plan.frames, step)]
 
 
 class _Part:

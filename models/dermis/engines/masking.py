@@ -6,8 +6,6 @@ ngspice may differ, or if engine event gives the same code with its levels moved
 much. A row of decided cells needs no circuit simulator (docs/auto.md).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -18,10 +16,8 @@ from numpy.typing import NDArray
 from dermis import bounds, engines
 from dermis.array.network import Network
 from dermis.converter.vfc import Y_MIN, code_type
+from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 APART_LSB = 0.01
 """Packets by which levels of ngspice and engine event may differ: thrice what was measured (docs/cosimulation.md)."""

@@ -24,12 +24,11 @@ from dermis.converter import coupling, course, injection, walk, walk_loops
 from dermis.converter.vfc import code_type
 from dermis.engines import Result, event
 from dermis.errors import InputError, SimulatorError
+from dermis.ndarrays import Floats
 from dermis.places import ROOT
 from dermis.processes import children
 from dermis.records import Plan
 from dermis.scene.design import TOPOLOGIES
-
-Floats = NDArray[np.float64]
 
 HONOURS = netlist.HONOURS
 """Record fields that the models have, as those of SPICE: all but the random ones."""
@@ -52,40 +51,32 @@ def run(
     simulator: str = "verilator",
     sync_latch: bool = False,
     work: Path | None = None,
-    models: Path = MODELS,
 ) -> Result:
     """Read every frame of a plan through the Verilog.
 
     Parameters
     ----------
-    plan : Plan
     progress : called with the number of row slots done so far
     simulator : "verilator" or "icarus"
     sync_latch : build the chip with the flip-flop + latch synchronizer
     work : directory for the files handed over, emptied first; default one in build/rtl_runs that stays only after a
         failure
-    models : where the real-number models are; a test gives a copy with a seeded fault
 
-    Returns
-    -------
-    Result
-        codes uint8 [frames, rows, cols].
+    Returns codes uint8 [frames, rows, cols].
 
     InputError if the chip is not made for such an array or timing; SimulatorError if the simulator failed, stopped
     answering or left no proper result.
     """
-    effects, places = effect_bits(plan, models), value_places(models)
+    effects, places = effect_bits(plan), value_places()
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
     values = places["VALUES"] if effects >> places["EACH_ROW"] & 1 else 1
-    step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols * values))
     with hdl.work_directory("rtl_runs", plan, work) as files:
-        for first in range(0, plan.frames, step):
-            part = slice(first, min(first + step, plan.frames))
+        for part in plan.parts(_VALUES_AT_ONCE // values):
             currents = currents_of(plan, part)
-            command = build(plan, effects, currents, simulator, sync_latch, models)
-            write_inputs(plan, part, files, currents, effects, sync_latch, models)
+            command = build(plan, effects, currents, simulator, sync_latch)
+            write_inputs(plan, part, files, currents, effects, sync_latch)
 
-            def on_rows(done: int, before: int = first * plan.rows) -> None:
+            def on_rows(done: int, before: int = part.start * plan.rows) -> None:
                 if progress is not None:
                     progress(before + done)
 
@@ -93,12 +84,9 @@ def run(
     return Result(codes, {"simulator": simulator})
 
 
-# ---- what is built ----------------------------------------------------------------------------------------------
-
-
-def value_places(models: Path = MODELS) -> dict[str, int]:
+def value_places() -> dict[str, int]:
     """Numbers of effects and run-time values, by name, from values.vh."""
-    text = (models / "values.vh").read_text()
+    text = (MODELS / "values.vh").read_text()
     return {n: int(v) for n, v in re.findall(r"^`define DERMIS_(\w+)\s+(\d+)\b", text, re.MULTILINE)}
 
 
@@ -120,9 +108,9 @@ BUILT_FOR = {
 }
 
 
-def effect_bits(plan: Plan, models: Path = MODELS) -> int:
+def effect_bits(plan: Plan) -> int:
     """Return the bits of the effects that a plan needs in the models; 0 is the ideal reader."""
-    places = value_places(models)
+    places = value_places()
     names = {name for field in plan.active_fields() for name in BUILT_FOR.get(field, ())}
     if "LEAK" in names and plan.topology == "direct":
         # The load of the virtual ground differs from frame to frame, and with its neighbours from row to row.
@@ -130,9 +118,7 @@ def effect_bits(plan: Plan, models: Path = MODELS) -> int:
     return sum(1 << places[name] for name in names)
 
 
-def build(
-    plan: Plan, effects: int, currents: Currents, simulator: str, sync_latch: bool, models: Path = MODELS
-) -> list[str]:
+def build(plan: Plan, effects: int, currents: Currents, simulator: str, sync_latch: bool) -> list[str]:
     """Command that runs the reader of a plan, built only if it is not there yet."""
     parameters = {
         **hdl.reader_parameters(plan, sync_latch),
@@ -141,13 +127,10 @@ def build(
         "TERMS": currents.terms,
         "DARK": currents.idle,
     }
-    main = models / ("skin_main.cpp" if simulator == "verilator" else "skin_alone.sv")
+    main = MODELS / ("skin_main.cpp" if simulator == "verilator" else "skin_alone.sv")
     # Listed by their paths from the root; a copy has them elsewhere.
-    sources = [*rtl_sources(), *(models / path.name for path in listed(models / "files.f"))]
-    return hdl.program(simulator, "skin", parameters, sources, [*rtl_include_dirs(), models], main)
-
-
-# ---- what goes in -----------------------------------------------------------------------------------------------
+    sources = [*rtl_sources(), *(MODELS / path.name for path in listed(MODELS / "files.f"))]
+    return hdl.program(simulator, "skin", parameters, sources, [*rtl_include_dirs(), MODELS], main)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,18 +179,11 @@ def currents_of(plan: Plan, part: slice) -> Currents:
 
 
 def write_inputs(
-    plan: Plan,
-    part: slice,
-    work: Path,
-    currents: Currents,
-    effects: int,
-    sync_latch: bool,
-    models: Path = MODELS,
+    plan: Plan, part: slice, work: Path, currents: Currents, effects: int, sync_latch: bool
 ) -> None:
     """Write the input of array.sv and drive.sv: big-endian words of 64 bits."""
-    places = value_places(models)
-    each = bool(effects >> places["EACH_ROW"] & 1)
-    values = run_time_values(plan, part, currents.coupling, each, sync_latch, places)
+    each = bool(effects >> value_places()["EACH_ROW"] & 1)
+    values = run_time_values(plan, part, currents.coupling, each, sync_latch)
     frames = currents.cells.shape[0]
     blocks = [currents.cells.reshape(frames, -1)]
     if each:
@@ -221,12 +197,7 @@ def write_inputs(
 
 
 def run_time_values(
-    plan: Plan,
-    part: slice,
-    coupled: coupling.Coupling | None,
-    each: bool,
-    sync_latch: bool,
-    places: dict[str, int],
+    plan: Plan, part: slice, coupled: coupling.Coupling | None, each: bool, sync_latch: bool
 ) -> Floats:
     """Run-time values of values.vh, [frames, rows, cols, VALUES]; without `each` those of the first row alone."""
     g = plan.conductance_s(part if each else slice(part.start, part.start + 1))
@@ -278,13 +249,11 @@ def run_time_values(
         values["FAST_DRIVE" if name else "SLOW_DRIVE"] = of["DRIVE"]
         if name:
             values["FAST_START"], values["LAG"] = of["START"], column.lag
+    places = value_places()
     out = np.zeros((*column.w0.shape, places["VALUES"]))
     for name, value in values.items():
         out[..., places[name]] = value
     return out
-
-
-# ---- what comes out ---------------------------------------------------------------------------------------------
 
 
 def simulate(

@@ -4,8 +4,6 @@
 A watchdog process ends them after a SIGKILL of the command (see dermis.processes.watchdog).
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import itertools

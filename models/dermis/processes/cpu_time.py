@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processor time of work: less disturbed by other jobs of the machine than wall time."""
 
-from __future__ import annotations
-
 import resource
 from collections.abc import Callable
 

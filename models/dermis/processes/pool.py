@@ -6,8 +6,6 @@ its descendants. The pools of multiprocessing cannot end a worker that is busy i
 wait for ever for one that was stopped, and import the caller's main module in every worker.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

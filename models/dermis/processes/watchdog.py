@@ -7,8 +7,6 @@ PR_SET_PDEATHSIG reaches. Standard library alone, so that it runs within millise
 watchdog.py MARK`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

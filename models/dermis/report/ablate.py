@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Costs of the effects of a scene, one off at a time, in codes and processor time."""
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

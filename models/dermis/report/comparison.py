@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Comparison of codes with a neighbouring engine and with a straight line over force."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

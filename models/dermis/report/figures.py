@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a run: force and code maps, code against force with its fit, transients."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

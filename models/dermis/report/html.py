@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report pages: verdict tables, figures and runs of a command as one HTML file without JavaScript."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes the files of a run: codes, their bounds, summary, resolved scene and figure."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import io
 import json

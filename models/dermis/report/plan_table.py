@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `dermis plan`: the effects of a run, and decisions of its filter for a sample of its frames."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import click

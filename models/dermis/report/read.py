@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis read`: a recording through the chip, and back into forces."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import json
@@ -25,6 +23,7 @@ from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Forces
 from dermis.decode.recording import Recording
 from dermis.errors import InputError, counted, one_line, optional
 from dermis.files import write_atomic
+from dermis.ndarrays import Bools, Floats
 from dermis.places import BUILD
 from dermis.records import Plan
 from dermis.report import output, verdict
@@ -32,7 +31,6 @@ from dermis.scene import scene as scenes
 from dermis.scene.schema import read_toml
 from dermis.skin import Skin
 
-Floats = NDArray[np.float64]
 Codes = NDArray[np.unsignedinteger]
 
 CHIP = {"row_driver": True, "column_input": True, "lateral": True}
@@ -89,7 +87,7 @@ def forces_of(values: Floats, unit: str, plan: Plan, area_mm2: float | None, sca
 
 
 def error_figures(
-    force: Floats, found: Floats, time_s: Floats, pressed: NDArray[np.bool_]
+    force: Floats, found: Floats, time_s: Floats, pressed: Bools
 ) -> dict[str, tuple[float, str]]:
     """Compare decoded forces with the true ones, [frames, rows, cols] each; {name: (value, unit)}.
 
@@ -190,7 +188,7 @@ def _filled(values: Floats) -> Floats:
     return np.nan_to_num(recording.held(recording.held(values)[::-1])[::-1])
 
 
-def _decoded(skin: Skin, rec: Recording, codes: Codes, missing: NDArray[np.bool_], dt: Floats) -> Forces:
+def _decoded(skin: Skin, rec: Recording, codes: Codes, missing: Bools, dt: Floats) -> Forces:
     """Decode codes; a missing one gives NaN in 0..inf, and may be any code for the intervals of the others."""
     found = skin.decode(codes, dt)
     if missing.any():
@@ -207,7 +205,7 @@ def _decoded(skin: Skin, rec: Recording, codes: Codes, missing: NDArray[np.bool_
     return found
 
 
-def _saturated(full: NDArray[np.bool_], present: NDArray[np.bool_], pressed: int) -> verdict.Row:
+def _saturated(full: Bools, present: Bools, pressed: int) -> verdict.Row:
     saturated = full & present
     share = float(saturated.sum() / max(pressed, 1))
     why = f"{int(saturated.any(axis=0).sum())} taxels; {WRONG_UNIT}" if share else ""

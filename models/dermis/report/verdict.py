@@ -4,8 +4,6 @@
 PASS and FAIL are measurements; ERROR is a value not measured (None, NaN, infinite); SKIP has a reason.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import statistics

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Waveforms of a co-simulation: digital nets and integrator voltages as VCD, for GTKWave."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from pathlib import Path

@@ -6,8 +6,6 @@ of its effects. These lines replace `[effects] extracted` while a scene is read,
 them like effects written by hand.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Mapping
@@ -26,9 +24,6 @@ FOLDER = ROOT / "models" / "extracted"
 CIRCUIT = ROOT / "spice" / "sky130"
 AGAIN = "dermis extract"
 """Command that writes the files again."""
-
-Effects = Mapping[str, Mapping[str, float]]
-"""Effect -> parameter -> value, as in [effects] of a scene."""
 
 
 class _Source(Strict):

@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from dermis.ndarrays import Floats
 from dermis.scene.schema import Strict, allowed_of, entry, refuse
-
-Floats = NDArray[np.float64]
 
 LEAST_R = 100.0
 """Default of r_min_ohm: this part of the divider. A count is 2.5 % of the conductance there, with 12 bits."""

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scene, read strictly from TOML, with all defaults."""
 
-from __future__ import annotations
-
 import operator
 import os
 import typing

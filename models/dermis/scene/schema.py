@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parts of a schema: strict models, documented keys, strict reading and writing of TOML."""
 
-from __future__ import annotations
-
 import json
 import math
 import operator

@@ -1,21 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The taxel: resistance from force, force from resistance, and the spread of a sheet."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field
 
+from dermis.ndarrays import Bools, Floats
 from dermis.scene import design as designs
 from dermis.scene.schema import Strict, entry, refuse
-
-Floats = NDArray[np.float64]
 
 _ForcePoint = Annotated[float, Field(ge=1e-9, le=1e9)]
 _OhmPoint = Annotated[float, Field(ge=1e-6, le=1e15)]
@@ -224,7 +221,7 @@ def play(resistance_ohm: Floats, width: float) -> Floats:
 _RATE_STEP = 0.4
 
 
-def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -> Floats:
+def creep_decades(loaded: Bools, t_frame_s: float, start_s: float) -> Floats:
     """Decades of time that load has lasted, with memory along axis 0, [frames, ...].
 
     A step of load at t = 0 gives log10(1 + t/start_s). What it gave is forgotten in the same way:

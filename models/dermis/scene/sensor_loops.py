@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Creep of a sheet from frame to frame, compiled."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

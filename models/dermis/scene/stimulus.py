@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stimulus of a scene: its [stimulus] tables, and the frames that they describe."""
 
-from __future__ import annotations
-
 import array as arrays
 import io
 import math
@@ -17,10 +15,9 @@ from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
 
 from dermis.errors import InputError, one_line, quoted
+from dermis.ndarrays import Floats
 from dermis.scene.schema import Strict, entry, read_bytes
 from dermis.scene.sensor import Sensor
-
-Floats = NDArray[np.float64]
 
 # 131 072 frames of 16x16; a process holds them twice in 1 GB. Longer recordings come in pieces.
 VALUES_MAX = 1 << 25
@@ -616,7 +613,7 @@ def _is_number(cell: str) -> bool:
     return "_" not in cell and _extended(arrays.array("d"), [cell])
 
 
-def _extended(values: arrays.array[float], cells: list[str]) -> bool:
+def _extended(values: arrays.array, cells: list[str]) -> bool:
     """Append numbers; return False if one of them is none."""
     try:
         values.extend(map(float, cells))

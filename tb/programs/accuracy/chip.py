@@ -6,8 +6,6 @@ seeded noise, a straight line removes gain and offset as a calibration would, an
 compared with that of an ideal quantiser, a step / sqrt(12).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import operator
@@ -20,13 +18,13 @@ from typing import Any
 import click
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from dermis import plan as planning
 from dermis.converter.vfc import LONGEST_GATE
 from dermis.engines import event
 from dermis.errors import DermisError
 from dermis.files import write_atomic
+from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.report import verdict
 from dermis.report.figures import save
@@ -35,8 +33,6 @@ from dermis.scene import scene
 from dermis.scene.design import Design
 from scripts import judged
 from tb.programs.accuracy import simulator
-
-Floats = NDArray[np.float64]
 
 HALF = 0.5  # duty at full force
 SETTLE_S = 23e-6  # settling time of the paper's slot: 115 clocks at 5 MHz
@@ -154,8 +150,6 @@ def measured(
     )
 
 
-# --- energy ----------------------------------------------------------------------------------------------------------
-
 SUPPLY_BENCH = "supply_conveyor_mirror"
 SUPPLY_QUANTITY = "supply_channel_a.conveyor_mirror"
 
@@ -198,9 +192,6 @@ def energy_rows(paper: Point) -> list[verdict.Row]:
         verdict.report(f"{name}_nj", whole, "nJ", f"{note} (ngspice, SKY130)"),
         verdict.report(f"{name}_per_bit_nj", whole / paper.bits, "nJ", each),
     ]
-
-
-# --- the study -------------------------------------------------------------------------------------------------------
 
 
 def gate_points() -> list[Point]:

@@ -7,8 +7,6 @@ of the method's own digital side. Frames of 16 x 16 resistances with eight effec
 difference of the codes from a reference in 50 digits (tb/reference/frame.py). Times are processor times.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools
@@ -115,8 +113,6 @@ def measure(methods: Sequence[Method], repeat: int) -> tuple[list[Point], list[R
     ]
     return points, failed
 
-
-# ---- one converter ------------------------------------------------------------------------------------------------
 
 LIMIT_S = 120.0
 CLOCKS = 400
@@ -225,8 +221,6 @@ def order_row(work: Path, options: str = EXACT, steps_s: Sequence[float] = ORDER
     return verdict.judge("accuracy.order", min(found), note)
 
 
-# ---- frames -------------------------------------------------------------------------------------------------------
-
 EFFECTS = {
     "row_driver": True,
     "column_input": True,
@@ -278,9 +272,6 @@ def frame_methods(quick: bool) -> Iterator[Method]:
         for words, solver in some:
             options = {"simulator": simulator, "solver": solver}
             yield method(f"cosim, {simulator}", f"8 of 8 in, {words}", one, True, **options)
-
-
-# ---- results ------------------------------------------------------------------------------------------------------
 
 
 def points_csv(points: Sequence[Any]) -> str:

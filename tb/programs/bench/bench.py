@@ -5,8 +5,6 @@ Errors have limits, speeds have aims; docs/benchmarks.md explains each row. A fa
 is an ERROR row, and the others are still made.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math
@@ -78,9 +76,6 @@ def machine_rows(m: Measurements) -> Iterator[Row]:
     """Describe the machine and what else runs on it."""
     yield verdict.report("machine.cores", os.cpu_count(), "cores", machine_line())
     yield busy_row("machine.busy_cores")
-
-
-# ---- one converter -----------------------------------------------------------------------------------------------
 
 
 def accuracy_rows(m: Measurements) -> Iterator[Row]:
@@ -176,9 +171,6 @@ def guest_rows(peer: str, m: Measurements) -> Iterator[Row]:
         rates.append((many - few) / (long_s - short_s))
     note = f"step 1 us, Icarus, waveform kept, without the start; {peers.PIP[peer]}"
     yield verdict.median(f"peer.{peer}.clocks_per_s", rates, "1/s", note)
-
-
-# ---- frames ------------------------------------------------------------------------------------------------------
 
 
 def frame_rows(m: Measurements) -> Iterator[Row]:
@@ -356,9 +348,6 @@ def setup_rows(m: Measurements) -> Iterator[Row]:
         children.run_logged(command, m.work, log, 900, "make setup", {"MAKEFLAGS": ""})
         taken.append(time.perf_counter() - begin)
     yield verdict.median("setup.second_call_s", taken[1:], "s")
-
-
-# ---- command -----------------------------------------------------------------------------------------------------
 
 
 class Section(NamedTuple):

@@ -4,8 +4,6 @@
 The HDL simulator loads this module again as the cocotb test.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import pickle
@@ -29,10 +27,9 @@ from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.lockstep import clock_loop
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
+from dermis.ndarrays import Floats
 from dermis.records import Timing
 from scripts import workers
-
-Floats = NDArray[np.float64]
 
 JOB_VARIABLE = "DERMIS_BENCH_JOB"
 
@@ -183,9 +180,6 @@ def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> flo
     if voltage.shape != (told.size + 1,) or told.size < 1:
         raise ValueError(f"{voltage.size} samples and {charge.size} switch states do not match")
     return float(np.max(np.abs(voltage[1:] - exact_voltage(circuit, told)[1:])))
-
-
-# ---- a run in an HDL simulator -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time measurement of the benchmarks, and their random frames."""
 
-from __future__ import annotations
-
 import math
 import os
 import time

@@ -6,8 +6,6 @@ and is compared with the same exact solution for the charge pulses of its own di
 with ngspice; the others are measured if they are installed.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import importlib.util
 import logging
@@ -27,9 +25,10 @@ from dermis.array.array import Network
 from dermis.chip.sources import rtl_sources
 from dermis.converter.vfc import count_rational
 from dermis.errors import SimulatorError
+from dermis.ndarrays import Floats
 from dermis.processes import children
 from tb.programs.bench import circuit as circuits
-from tb.programs.bench.circuit import OPTIONS, Circuit, Floats
+from tb.programs.bench.circuit import OPTIONS, Circuit
 from tb.programs.bench.measure import cpu_once
 
 PIP = {
@@ -90,9 +89,6 @@ def _judged(
     return PeerRun(float(error.max()), miscount, clocks, seconds)
 
 
-# ---- ngspice with XSPICE ----------------------------------------------------------------------------------------
-
-
 def xspice(
     circuit: Circuit, step_s: float, clocks: int, where: Path, limit_s: float, options: str = OPTIONS
 ) -> PeerRun:
@@ -144,8 +140,6 @@ def xspice(
     told = np.round(np.interp((np.arange(clocks) + 0.5) * t_clk, time_s, charge), 6)
     return _judged(circuit, end - begin, time_s, v_int, told, late_s=2 * T_GATE_S)
 
-
-# ---- Icarus with SpiceBind or cocotbext-ams ---------------------------------------------------------------------
 
 # The flip-flops are the project's. Reset ends after clock 1, whose decision is 0 in any case, so
 # that the level that the plug-in has not yet driven is not sampled. Icarus 11 does not carry a value
@@ -313,9 +307,6 @@ async def _ams_run(dut: Any, job: tuple[float, float, list[str]], where: Path) -
 GUESTS: dict[str, Callable[..., PeerRun]] = {"spicebind": spicebind, "cocotbext_ams": cocotbext_ams}
 """Simulators that are measured if they are installed."""
 PEERS = {"xspice": xspice, **GUESTS}
-
-
-# ---- badcrossbar ------------------------------------------------------------------------------------------------
 
 
 def badcrossbar(network: Network, limit_s: float, repeat: int) -> tuple[float, Floats]:

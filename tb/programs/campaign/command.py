@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis campaign`: random scenes in worker processes against laws; a killed campaign continues."""
 
-from __future__ import annotations
-
 import random
 import time
 from collections import Counter

@@ -5,8 +5,6 @@ A law yields COMPARED first where it applies. Laws that need further runs are as
 scenes (`ENGINES`). `judge` asks all laws about one world.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import tempfile
@@ -19,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import engines
 from dermis import plan as planning
@@ -27,11 +24,11 @@ from dermis.array.array import column_currents
 from dermis.converter import coupling, vfc, walk
 from dermis.engines import Result, closed, event
 from dermis.errors import InputError, SimulatorError
+from dermis.ndarrays import Floats
 from dermis.records import Plan
 from tb.reference.converter_walk import walk_reference
 from tb.reference.scenes import World
 
-Floats = NDArray[np.float64]
 COMPARED = ""
 
 # Star-mesh elimination never subtracts: n^2 roundings of 1e-16 at 20 x 20 taxels are 4e-14; the

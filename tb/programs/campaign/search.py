@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The standing searches of a campaign: `auto` against event, `Skin` against simulate, intervals against the truth."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -10,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import dermis
 from dermis import bounds, effects, engines
@@ -18,6 +15,7 @@ from dermis import plan as planning
 from dermis.decode import decoder
 from dermis.engines import event, filter
 from dermis.errors import InputError, SimulatorError
+from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.report import verdict
 from dermis.report.progress import slots
@@ -27,10 +25,6 @@ from dermis.skin import Skin
 from scripts import workers
 from scripts.checkpoint import Checkpoint
 from tb.reference import scenes
-
-Floats = NDArray[np.float64]
-
-# ---- auto against event ------------------------------------------------------------------------------------------
 
 # The random scenes of the campaign turn many effects on at moderate strengths. A bound that forgets another effect, or
 # the current before the gate, shows where few effects are strong and taxels change from open to pressed. Each scene
@@ -99,8 +93,6 @@ def filter_counts(kind: str, seed: int, number: int) -> dict[str, int]:
     return counts | {"codes": found.size, "wrong": int((found != true).sum())}
 
 
-# ---- Skin and intervals ------------------------------------------------------------------------------------------
-
 SKIN_KINDS, SKIN_FRAMES = ("offset", "light", "full", "short", "any"), 8
 """Scenes with column offsets, touches of a few counts, taxels beyond full scale, shorted taxels and rows, and any."""
 
@@ -157,8 +149,6 @@ def skin_counts(kind: str, seed: int, number: int) -> dict[str, int]:
     counts["cells"], counts["missed"] = int(kept.sum()), int((kept & ~inside).sum())
     return counts
 
-
-# ---- the command's part ------------------------------------------------------------------------------------------
 
 _TASK, _LIMIT_S = 50, 900.0  # scenes of a task; its first scene compiles loops
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A board with dividers by its own dense nodal solve, and its calibration session: nothing here is of the decoder."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tomli_w import dumps
 
+from dermis.ndarrays import Floats
 from tb.programs.decode import session
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

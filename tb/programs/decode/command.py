@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis decode`: every figure of decoding against truth, into build/decode.json."""
 
-from __future__ import annotations
-
 import dataclasses
 import tempfile
 import time
@@ -12,7 +10,6 @@ from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import plan as planning
 from dermis.array.array import Network, column_currents
@@ -20,14 +17,14 @@ from dermis.decode import calibration, crosstalk, identify, memory, recording
 from dermis.decode.calibration import Calibration
 from dermis.decode.decoder import SATURATED, Decoder, Forces
 from dermis.engines import closed, event
+from dermis.ndarrays import Bools, Floats
 from dermis.places import BUILD
 from dermis.records import Plan
 from dermis.report import calibrate, read, verdict
 from dermis.scene import scene as scenes
 from dermis.skin import Skin
+from scripts import judged
 from tb.programs.decode import board, files, kinds, published, session
-
-Floats = NDArray[np.float64]
 
 SEED = 20_261_123
 """Seed of all that is judged here. Constants of the decoder were chosen with others: 0 to 10, 18, 19, 101 to 110."""
@@ -84,7 +81,7 @@ def identified(plan: Plan, forces_n: Floats, kind: str) -> Calibration:
         return calibration.load(Path(directory) / "sheet.toml")
 
 
-def covered(found: Forces, force: Floats) -> NDArray[np.bool_]:
+def covered(found: Forces, force: Floats) -> Bools:
     """Return True where a force lies in its interval."""
     return (found.low_n <= force * SLACK) & (force <= found.high_n * SLACK)
 
@@ -343,6 +340,4 @@ def decode_command() -> int:
     rows = [noise_free(), *tables(), worn(), hysteresis(), coverage_row(), *recordings(), board_force()]
     rows += rates()
     figures.error_maps(BUILD / "decode" / "decode_error_maps.png")
-    verdict.write_rows("decode", rows)
-    verdict.print_rows(rows, "codes to newtons")
-    return verdict.exit_code(rows)
+    return judged.finish("decode", rows, "codes to newtons")

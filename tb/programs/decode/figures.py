@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figure of decoding: error maps correction by correction."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from dermis import plan as planning
 from dermis.decode.calibration import Calibration
@@ -16,8 +13,6 @@ from dermis.decode.decoder import Decoder
 from dermis.engines import closed
 from dermis.report import figures
 from dermis.scene import scene
-
-Floats = NDArray[np.float64]
 
 TOUCH = {"kind": "indenter", "shape": "spherical", "force_n": 12.0, "width": 13, "length": 13}
 CHIP = {

@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings as files of many kinds: names, orders, extra columns, gaps, times and axes, each with its truth."""
 
-from __future__ import annotations
-
 import functools
-import io
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,6 +13,7 @@ from hypothesis import strategies as st
 
 from dermis.decode import recording
 from dermis.errors import InputError
+from dermis.report.output import npy_bytes
 
 Choose = Callable[[Sequence[Any]], Any]
 T_FRAME_S = 0.02
@@ -130,9 +128,8 @@ def array_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.nd
     told = values if choose([True, False]) else values.reshape(len(values), -1)
     array = told.transpose(axes) if told.ndim == 3 else told.T if axes[0] else told
     options: dict[str, Any] = {"rows": shape[1], "cols": shape[2]} if choose([True, False]) else {}
-    file = io.BytesIO()
-    np.save(file, array)
-    return file.getvalue(), options | {"rate_hz": 1 / T_FRAME_S}, values, T_FRAME_S * np.arange(len(values))
+    options |= {"rate_hz": 1 / T_FRAME_S}
+    return npy_bytes(array), options, values, T_FRAME_S * np.arange(len(values))
 
 
 def read(path: Path, options: dict[str, Any]) -> tuple[recording.Recording | InputError, str]:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import gzip
-import io
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
@@ -23,10 +22,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dermis.errors import InputError
+from dermis.ndarrays import Floats
 from dermis.report import output
 from tb.programs.decode import files
-
-Floats = NDArray[np.float64]
 
 ROWS, COLS, COUNT = 4, 6, 20
 FRAMES: Floats = np.round(np.random.default_rng(20_261_126).uniform(0, 99, (COUNT, ROWS, COLS)), 2)
@@ -103,9 +101,6 @@ def faults() -> dict[str, str]:
     return found
 
 
-# ---- texts
-
-
 def cells(values: Iterable[float], point: str = ".") -> list[str]:
     """Return numbers as text, with their decimal point."""
     return [f"{v:g}".replace(".", point) for v in values]
@@ -162,9 +157,6 @@ def gap(cell: str) -> str:
     lines = table(flat, {"time": seconds()}).splitlines()
     lines[4] = lines[4].replace(f",{FRAMES[3, 0, 5]:g},", f",{cell},", 1)
     return "\n".join(lines)
-
-
-# ---- makers
 
 
 def tekscan(
@@ -240,14 +232,6 @@ def pedar() -> str:
 
 NO_COLUMNS, NO_SENSEL = without(np.s_[:, :, :2]), without(np.s_[:, 0, 5])
 
-# ---- binary files
-
-
-def npy(array: NDArray[Any]) -> bytes:
-    file = io.BytesIO()
-    np.save(file, array)
-    return file.getvalue()
-
 
 def mat(path: Path) -> None:
     scipy.io.savemat(path, {"P": np.moveaxis(FRAMES, 0, 2), "t": TIME, "fs": 50.0}, do_compression=True)
@@ -279,8 +263,6 @@ def levels(path: Path) -> None:
 
 
 LISTS = {"stamp": pa.array(STAMPS, pa.timestamp("ns")), "data": [frame.ravel().tolist() for frame in FRAMES]}
-
-# ---- bags
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TOUCH = "std_msgs/Header header\nuint16 rows\nuint16 cols\nfloat32[] force\nfloat32[] low"
@@ -498,11 +480,15 @@ CASES: dict[str, Case] = {
     "novel pedar": Case("a.asc", pedar(), SIZE | {"part": 2}, unit="kpa"),
     "novel pedar, two soles": Case("a.asc", pedar(), SIZE, asks="--part"),
     # Arrays.
-    "npy": Case("a.npy", npy(FRAMES), SIZE | RATE),
-    "npy, taxels first": Case("a.npy", npy(FRAMES.reshape(COUNT, -1).T), SIZE | RATE),
-    "npy, two hands": Case("a.npy", npy(HANDS), SIZE | RATE, asks="--axes"),
-    "npy, one of two hands": Case("a.npy", npy(HANDS), RATE | {"axes": ("frames", 1, "rows", "cols")}),
-    "npy, 256 columns": Case("a.npy", npy(WIDE.reshape(5, -1)), RATE | WIDE_SIZE, WIDE, TIME[:5]),
+    "npy": Case("a.npy", output.npy_bytes(FRAMES), SIZE | RATE),
+    "npy, taxels first": Case("a.npy", output.npy_bytes(FRAMES.reshape(COUNT, -1).T), SIZE | RATE),
+    "npy, two hands": Case("a.npy", output.npy_bytes(HANDS), SIZE | RATE, asks="--axes"),
+    "npy, one of two hands": Case(
+        "a.npy", output.npy_bytes(HANDS), RATE | {"axes": ("frames", 1, "rows", "cols")}
+    ),
+    "npy, 256 columns": Case(
+        "a.npy", output.npy_bytes(WIDE.reshape(5, -1)), RATE | WIDE_SIZE, WIDE, TIME[:5]
+    ),
     "MATLAB 5": Case("a.mat", mat),
     "MATLAB 7.3": Case("a.mat", mat73),
     # Parquet.

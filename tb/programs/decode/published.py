@@ -1,19 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables 4 and 6 of Hidalgo-Lopez et al., J. Sensors 2018, 9735741, recomputed (docs/decode.md)."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.array.array import Network, column_currents
 from dermis.decode import crosstalk
-
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 SERIES_OHM = 5.0
 """Fitted: the caption of table 6 does not state its Rs; 5 ohm meets all 84 cells of parts (a) and (b)."""

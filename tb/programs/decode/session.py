@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibration session of a simulated sheet, written as `dermis calibrate` reads it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.decode.calibration import Calibration
+from dermis.ndarrays import Floats
 from dermis.skin import Skin
-
-Floats = NDArray[np.float64]
 
 T_FRAME_S = 2e-3
 

@@ -6,8 +6,6 @@ next row after a preset of full length. The synchronizer is that of tb/reference
 apart from the Verilog, which has its own proofs. A column runs once: its record is stored under the hash of its deck.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Sequence

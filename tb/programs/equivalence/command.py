@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis extract` writes the parameters of the channels in transistors; `dermis equivalence` tests them."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import itertools

@@ -5,8 +5,6 @@ No bench closes the loop: the parameters predict how the loop will count, and tb
 whether it does. Every bench is the body of a deck and a function from its `.meas` to parameters.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -48,8 +46,6 @@ def _ohm(conductance_s: float) -> float:
     # Below a picosiemens it is the simulator's own gmin.
     return 1.0 / max(conductance_s, 1e-12)
 
-
-# ---- from column to summing node -----------------------------------------------------------------------------
 
 _COPY = {
     "conveyor_mirror": "xconveyor y x z ibias vdd vss conveyor\n"
@@ -152,8 +148,6 @@ def _nearest_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return float(min(lines)[1]), float(min(lines)[2])
 
 
-# ---- integrator and charge source ----------------------------------------------------------------------------
-
 # Two runs of packets, each after a preset: one every second clock, as at x = 1/2, and one every eighth.
 _RUNS = {
     "fast": {"at": 1e-6, "i": 11e-6, "free": 3, "pace": 2, "packets": 8},
@@ -215,8 +209,6 @@ def vfc(sign: int, found: Found) -> list[Measured]:
     ]
 
 
-# ---- comparator ----------------------------------------------------------------------------------------------
-
 _RAMPS = {"fast": (0.1, 100e-9, 2.5e6), "slow": (0.02, 100e-9, 5e4)}
 """Where each begins in V, when, and its slope in V/s: those of x = 1/2 and of x = 1/100."""
 
@@ -246,8 +238,6 @@ def comparator(found: Found) -> list[Measured]:
         Measured("comparator_delay", "t_s", max(delay, 0.0), "the same ramps"),
     ]
 
-
-# ---- amplifier, row driver, direct interface -------------------------------------------------------------------
 
 _WIDE = "ibias vdd vss ota pairs=320 branches=320\n"
 """Amplifier of integrator_direct, which is this much larger than that of the others."""
@@ -290,9 +280,6 @@ def _off(found: Found) -> list[Measured]:
         Measured("offset_current", "i_a", -found["none"], "charge source, off"),
         Measured("integrator_gain", "r_in_ohm", _ohm(-load), f"the same, moved by +-{LIFT_V * 1e3:g} mV"),
     ]
-
-
-# ---- all -----------------------------------------------------------------------------------------------------
 
 
 def benches_of(topology: str, k: int) -> list[Bench]:

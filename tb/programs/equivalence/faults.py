@@ -6,8 +6,6 @@ record, does not end, or takes a transistor outside its class: what `make charac
 made in the front end of two rows and columns; a test counts the cells of its pads (tb/spice/test_front_end.py).
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import shutil
@@ -24,8 +22,6 @@ from scripts.characterise import results, runs
 from scripts.characterise.benches import BENCHES
 from scripts.schematics.command import parse, undrawable
 from tb.programs.equivalence.gate import Case
-
-# ---- for the gate ------------------------------------------------------------------------------------------------
 
 LOOP = Case(codes=(0, 64, 240), clocks=48)  # the column that has the faults
 
@@ -68,8 +64,6 @@ def written(kind: str, folder: Path) -> Path:
     write_atomic(place / file, text.replace(right, wrong))
     return place
 
-
-# ---- by rule -----------------------------------------------------------------------------------------------------
 
 TOP = "dermis_analog_front_end"
 OTHER_RAIL = {

@@ -7,8 +7,6 @@ and for the event engine alike; at clock 510 it says how many counts each would 
 Two numbers less than 1 apart give codes at most 1 apart. A gate of 510 clocks says the same (docs/equivalence.md).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -16,20 +14,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import plan
 from dermis.array.array import column_currents
 from dermis.chip.spice_text import spice_number
 from dermis.converter import walk
+from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.scene import design as design_module
 from dermis.scene.design import TOPOLOGIES
 from scripts.characterise.benches import Condition
 from tb.programs.equivalence.columns import Column, Slot, deck_of
 from tb.reference import scenes
-
-Floats = NDArray[np.float64]
 
 CODES = (0, 0, 2, 20, 64, 128, 200, 250)
 """Ideal codes of a column's taxels: both ends, and steps between. Above 250 a gain of 2 % is beyond full scale. In the

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands with a build/ of their own, and the judge of how a disturbed command ends."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

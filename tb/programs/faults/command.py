@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis faults`: commands that are disturbed, judged, and run once more."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +12,7 @@ from dermis.files import locked
 from dermis.places import BUILD, ROOT
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
-from scripts import workers
+from scripts import judged, workers
 from scripts.checkpoint import Checkpoint, stamp
 from tb.programs.faults.bench import Bench
 from tb.programs.faults.trials import Trial, every
@@ -80,6 +78,4 @@ def faults_command(
             for place in ("models", "trials"):
                 shutil.rmtree(PLACE / place, ignore_errors=True)
         rows = run(trials, bench, jobs, store)
-    verdict.write_rows("faults", rows)
-    verdict.print_rows(rows, f"Faults of runs ({len(rows)} trials)")
-    return verdict.exit_code(rows)
+    return judged.finish("faults", rows, f"Faults of runs ({len(rows)} trials)")

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults from within a process, of a worker or a command's own code."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Six disturbances of small commands that together start every kind of process of dermis."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -167,9 +165,6 @@ def attempt(
         more += [f"{path.name} stays" for path in out.parent.glob(f".{out.name}.partial_*")]
         faults += [f"rerun: {fault}" for fault in more + second.orphans()]
     return faults, f"exit {ended.code if ended else 'none'}"
-
-
-# ---- the disturbances
 
 
 def kill(trial: Trial, bench: Bench, draw: random.Random) -> Found:

@@ -5,8 +5,6 @@ A target is a module target_NAME with `strategy() -> SearchStrategy[bytes]`, `pr
 with the directory of its inputs, and `run(data, place)`, which returns "taken" or "refused" or raises Finding.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import importlib
@@ -65,9 +63,6 @@ FAULTS = {
     "nan_accepted": ("frames", stimulus, "_check_values", lambda _: lambda *given: None),
 }
 """Target that must meet a fault, then the attribute of a module and its replacement as a function of it."""
-
-
-# ---- runs --------------------------------------------------------------------------------------------------------
 
 
 @contextlib.contextmanager

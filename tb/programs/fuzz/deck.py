@@ -4,8 +4,6 @@
 Any other line is a finding: text of a scene that reaches ngspice could run commands.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from contextlib import suppress

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hypothesis strategies of hostile input: TOML tables, text, bytes, values at the edges of types."""
 
-from __future__ import annotations
-
 import contextlib
 import datetime
 import math

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rules for any input: refused in one printable line, or taken within memory and time, traceless."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -5,8 +5,6 @@ An input has HEAD bytes before the content: places in THINGS, NAMES, TABLES and 
 bytes at the end that repeat, and the power of two of the size up to which they repeat (0: not).
 """
 
-from __future__ import annotations
-
 import io
 import os
 import socket
@@ -20,6 +18,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from dermis import plan as planning
+from dermis.report.output import npy_bytes
 from dermis.scene import scene as scenes
 from tb.programs.fuzz import inputs, oracle, target_scene
 
@@ -86,12 +85,6 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile
 _PHRASES = ("1,2\n", ",", "inf", "nan", "1e999", "-0", "\r", "PK\x03\x04", "1_0", "+5", "256", "PK\x01\x02")
 
 
-def _npy(array: Any) -> bytes:
-    stream = io.BytesIO()
-    np.save(stream, array)
-    return stream.getvalue()
-
-
 def _header(dtype: str, order: str, shape: str, length: int) -> bytes:
     text = f"{{'descr': {dtype}, 'fortran_order': {order}, 'shape': {shape}}}".encode().ljust(108) + b"\n"
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + bytes(range(48))[:length]
@@ -109,11 +102,10 @@ def _npz(members: dict[str, bytes], method: int) -> bytes:
 def strategy(draw: st.DrawFn) -> bytes:
     """Draw what is at the place of a file, how a scene names it, and its content."""
     codes = np.array([[1, 2], [3, 4], [5, 6]])
-    arrays = [_npy(codes.astype(t)) for t in ("u1", "i8", "f8", "f2", "g", "?", "c16", "S3", "M8[s]")]
-    arrays += [_npy(codes[None].repeat(2, 0)), _npy(np.asfortranarray(codes)), _npy(3), _npy(np.zeros(0))]
-    arrays += [_npy(np.full((3, 2), np.nan)), target_scene.pickled()]
+    arrays = [codes.astype(t) for t in ("u1", "i8", "f8", "f2", "g", "?", "c16", "S3", "M8[s]")]
+    arrays += [codes[None].repeat(2, 0), np.asfortranarray(codes), 3, np.zeros(0), np.full((3, 2), np.nan)]
     headers = st.builds(_header, *map(st.sampled_from, (_DTYPES, _ORDERS, _SHAPES)), st.integers(0, 48))
-    npy = st.sampled_from(arrays) | headers
+    npy = st.sampled_from([*map(npy_bytes, arrays), target_scene.pickled()]) | headers
     members = st.dictionaries(st.sampled_from(_MEMBERS), npy, max_size=2)
     bomb = st.just({"codes.npy": bytes(1 << 22)})
     contents = st.sampled_from(_TEXTS), npy, st.builds(_npz, members | bomb, st.sampled_from(_METHODS))

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Target `scene`: bytes of a scene, up to its plan and its decks."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import io

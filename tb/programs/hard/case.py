@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A hard case, and the engines that must find its exact answer."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 

@@ -5,8 +5,6 @@ A code is right or wrong; where a level lies within what an engine rounds (6e-14
 sums, 1e-12 with exponentials, ngspice 1e-5: spec.toml cosim.edge_error_v), both neighbours are right.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -23,12 +21,11 @@ from dermis import plan
 from dermis.chip import hdl
 from dermis.converter import walk
 from dermis.engines import closed, cosim, rtl
+from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.scene import scene
 from tb.programs.hard.case import Case, Measured
 from tb.reference import exact
-
-Floats = NDArray[np.float64]
 
 COLS = 8
 """Columns of a chip of one row, so that few builds serve every case; duties fill its frames."""
@@ -110,9 +107,6 @@ def make_plan(world: World, engine: str, cols: int = COLS) -> tuple[Plan, Floats
     return dataclasses.replace(made, timing=timing), x.reshape(frames, world.rows, cols)
 
 
-# ---- engines -------------------------------------------------------------------------------------------------
-
-
 def _closed(world: World) -> NDArray[Any]:
     made, x = make_plan(world, "closed")
     return closed.codes_of(made, made.converter.gain * x)
@@ -184,9 +178,6 @@ def codes(engine: str, *worlds: World) -> Measured:
     return Measured(float(worst), where or (f"{near} within rounding of a level" if near else ""))
 
 
-# ---- converters below scenes, long gates -------------------------------------------------------------------------
-
-
 def cells(fields: Mapping[str, float], duties: Sequence[float]) -> Measured:
     """Compare counts of converters given in packets and clocks with the walk in fifty digits."""
     given = exact.IDEAL | fields | {"x": duties}
@@ -195,8 +186,6 @@ def cells(fields: Mapping[str, float], duties: Sequence[float]) -> Measured:
     expected = [exact.interval({**exact.IDEAL, **fields, "x": Fraction(x)}, GATE)[0] for x in duties]
     return Measured(float(np.abs(found - expected).max()), f"{found.tolist()}, exactly {expected}")
 
-
-# ---- cases -------------------------------------------------------------------------------------------------------
 
 EXACT = ALL[:-1]
 LOOPS = ALL[1:]

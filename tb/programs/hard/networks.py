@@ -4,25 +4,21 @@
 Each runs in the solver and in engines closed and event: currents of every slot and codes are compared.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import engines, plan, records
 from dermis.array import solve_error
 from dermis.array.array import Network, column_currents
 from dermis.converter import vfc
+from dermis.ndarrays import Floats
 from dermis.scene import scene
 from tb.programs.hard.case import Case, Measured
 from tb.reference import nodal
-
-Floats = NDArray[np.float64]
 
 V_BIAS = 0.5
 K_I0_A = 80 * 12.5e-6  # column current at duty 1 in the plans of `plan_of`
@@ -99,9 +95,6 @@ def codes(name: str, engine: str) -> Measured:
     low, high = (vfc.code(np.clip(x + s * 1e-6 / CLOCKS, -1e9, 1e9), CLOCKS, CODE_MAX) for s in (-1, 1))
     off = np.maximum(np.maximum(low - found, found - high), 0)
     return Measured(float(off.max()), f"codes {found.min()}..{found.max()}")
-
-
-# ---- networks ------------------------------------------------------------------------------------------------------
 
 
 def _rng(name: str) -> np.random.Generator:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run hard cases: each with each engine in a worker process with a time limit."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections import Counter
 from collections.abc import Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """cocotb test of dermis_top with mismatched columns: a host calibrates it, then reads a frame."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about `dermis formal`: theorems stand in their checkers, faults break them, and no answer is not a proof."""
 
-from __future__ import annotations
-
 import re
 import signal
 import sys

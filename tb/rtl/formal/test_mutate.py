@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about `dermis mutate`: mutants are single changes of statements, and each gets the right fate."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """cocotb bench of the board top: the pins of an FPGA."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cocotb

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about the FPGA build: the memory with a read clock, the board top, the figures, and a whole build."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

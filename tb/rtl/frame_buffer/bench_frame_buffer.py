@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """cocotb test of dermis_frame_buffer: a writer on clk and a reader on a clock of its own, both at random."""
 
-from __future__ import annotations
-
 import random
 from typing import Any
 

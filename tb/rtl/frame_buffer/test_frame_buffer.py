@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about dermis_frame_buffer."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """cocotb bench on the pins of dermis_top alone, so that the Verilog and a netlist of it run the same."""
 
-from __future__ import annotations
-
 import random
 from typing import Any
 

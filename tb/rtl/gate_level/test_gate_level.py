@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about `dermis gl`: a small netlist does on its pins what the Verilog does, and a fault in it is seen."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The power of a netlist against a sum by hand."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

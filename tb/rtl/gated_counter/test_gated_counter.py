@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about the gated, saturating edge counter."""
 
-from __future__ import annotations
-
 import random
 
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """cocotb test of the Caravel-style wrapper: only pads are touched; test_harden.py says what it claims."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about what is handed over: the wrapper's pads, the black box's pins, one file list, files that exist."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

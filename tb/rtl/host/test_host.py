@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about the host drivers, in Python and in C: right on the Verilog, over a bad line, and without a chip."""
 
-from __future__ import annotations
-
 import ctypes
 import struct
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about `dermis lint`: clean on rtl/, and every tool's row fails on a fault that this tool can see."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import shutil

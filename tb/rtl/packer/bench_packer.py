@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """cocotb test of dermis_packer: rows in, bytes out."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cocotb

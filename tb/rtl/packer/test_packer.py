@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about dermis_packer: the bytes of frames against a reference written from docs/rtl.md alone."""
 
-from __future__ import annotations
-
 import random
 from itertools import accumulate
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """cocotb tests of dermis_reader with ideal converters on its columns."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Mapping
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about dermis_reader: counts against the exact charge balance, slot timing, modes, reset and enable."""
 
-from __future__ import annotations
-
 import random
 import subprocess
 from itertools import pairwise

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about dermis_registers at several sizes: each address against the map, each port against its register."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 from typing import Any

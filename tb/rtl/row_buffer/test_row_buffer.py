@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The holding register of a row of counts, from reset on."""
 
-from __future__ import annotations
-
 import random
 
 import pytest

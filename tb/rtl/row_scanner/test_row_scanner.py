@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The slot sequencer against a plain reading of docs/rtl.md, clock by clock."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Mapping
 from pathlib import Path

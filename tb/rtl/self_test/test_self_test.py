@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about the self-test: every fault it says it can find, found and named, and none in a healthy array."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

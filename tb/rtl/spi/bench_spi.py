@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """cocotb tests of dermis_spi alone: the other clock domain is a model that answers when it likes, or never."""
 
-from __future__ import annotations
-
 import random
 from typing import Any
 

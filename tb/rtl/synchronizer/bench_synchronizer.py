@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """cocotb tests of dermis_sync_ff, dermis_sync_latch and dermis_reset_sync."""
 
-from __future__ import annotations
-
 import random
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about the two synchronizer forms, their two flops, and the release of the reset."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 

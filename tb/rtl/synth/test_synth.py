@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about `dermis synth`: the small chip passes, and each row fails on the fault it is there for."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """cocotb tests of dermis_top through its pins; test_top.py has their claims."""
 
-from __future__ import annotations
-
 import random
 from itertools import pairwise
 from typing import Any

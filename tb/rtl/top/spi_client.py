@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A driver of the SPI pins, with every way to break a transaction off."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from cocotb.triggers import Timer

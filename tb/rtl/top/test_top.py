@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims about dermis_top through its pins alone, so that they hold for a netlist as well."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bench of dermis_top through its pins: clock, a stand-in for the analog side, and a model of the registers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
