@@ -51,7 +51,6 @@ GUARDS = {
         "lockstep_open": "Deck",
         **dict.fromkeys(("loop_arm", "loop_levels", "loop_output"), "ClockLoop"),
         **dict.fromkeys(("loop_clock", "loop_drive", "loop_net", "loop_release"), "numbers and text alone"),
-        "lockstep_operating_point": "its own text",
     },
 }
 
