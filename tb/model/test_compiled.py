@@ -49,8 +49,8 @@ GUARDS = {
     "lockstep": {
         **dict.fromkeys(("lockstep_advance", "loop_replay"), "NgspiceHalf.check"),
         "lockstep_open": "Deck",
-        **dict.fromkeys(("loop_arm", "loop_levels", "loop_output"), "ClockLoop"),
-        **dict.fromkeys(("loop_clock", "loop_drive", "loop_net", "loop_release"), "numbers and text alone"),
+        **dict.fromkeys(("loop_net", "loop_output"), "ClockLoop"),
+        **dict.fromkeys(("loop_drive", "loop_release"), "numbers and text alone"),
     },
 }
 

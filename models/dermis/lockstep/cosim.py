@@ -164,10 +164,9 @@ class Cosim:
         from cocotb.triggers import Timer
 
         with ExitStack() as at_end:
-            loop, half, time = await self._ready(dut, at_end)
+            loop, half, time, longest = await self._ready(dut, at_end)
 
             async def watch() -> None:
-                longest = max((p for _, p in time.clocks), default=math.ceil(time.step_s / time.base_s))
                 while True:
                     await Timer(256 * longest, unit="step")
                     loop.require()
@@ -188,14 +187,16 @@ class Cosim:
                 self.samples = dict(zip(self._nodes, table.T, strict=True))
                 self.overshoot_v = loop.overshoot_v
 
-    async def _ready(self, dut: Any, at_end: ExitStack) -> tuple[ClockLoop, NgspiceHalf, Timebase]:
-        """Start the clocks, reset the Verilog and load the circuit; `at_end` takes all back."""
+    async def _ready(self, dut: Any, at_end: ExitStack) -> tuple[ClockLoop, NgspiceHalf, Timebase, int]:
+        """Start the clocks, reset the Verilog and load the circuit; `at_end` takes all back.
+
+        The last value returned is the longest period, or step, in units of time.
+        """
         import cocotb
         from cocotb.triggers import Timer
 
         handles = {net: self._handle(dut, net) for net in (*self._inputs, *self._outputs, *self._clocks)}
-        nets, sources = self._nets(handles)
-        loop = ClockLoop(nets, self._output_nets(handles))
+        loop = ClockLoop(self._nets(handles), self._output_nets(handles))
         unit = unit_s()
         periods = {net: 2 * round(0.5 * period / unit) for net, period in self._clocks.items()}
         for net, units in periods.items():
@@ -230,19 +231,17 @@ class Cosim:
             if all(settle <= past < gap - ahead for past, gap in zip(passed, between, strict=True)):
                 break
             await Timer(1, unit="step")
-        first = [gap - past for gap, past in zip(between, passed, strict=True)]
         base, base_s = 1, unit
         if len(periods) == 1:
             ((net, base),) = periods.items()
             base_s = self._clocks[net]
-        clocks = tuple(zip(first, between, strict=True))
         first_step_s = 0.125 * min((d.edge_s for d in self._inputs.values()), default=self._step_s)
-        steps_s = self._step_s, first_step_s, IDLE_STEPS * self._step_s
-        time = Timebase(0, base_s, base, settle, clocks, *steps_s)
-        half = self._circuit(loop.levels(len(sources)), sources)
+        idle = math.ceil(IDLE_STEPS * self._step_s / unit)
+        time = Timebase(0, base, base_s, settle, self._both_edges, self._step_s, first_step_s, idle)
+        half = self._circuit(loop.levels())
         at_end.callback(half.close)
         at_end.callback(loop.stop)
-        return loop, half, time
+        return loop, half, time, longest
 
     def _handle(self, dut: Any, net: str) -> Any:
         top, *names = net.split(".")
@@ -253,42 +252,51 @@ class Cosim:
             raise self._wrong("net", net, f"dut.NAME, a net of {dut._name}")
         return handle
 
-    def _nets(self, handles: Mapping[str, Any]) -> tuple[list[Net], list[tuple[str, Drive]]]:
-        """Return the nets, and each source with its drive, in the order of their numbers."""
+    def _nets(self, handles: Mapping[str, Any]) -> list[Net]:
+        """Return the nets that drive the sources, whose numbers they have in this order."""
         nets: list[Net] = []
-        sources: list[tuple[str, Drive]] = []
+        taken: set[str] = set()
         for name, drive in self._inputs.items():
-            handle = handles[name]
-            own = (drive.source,) if isinstance(drive.source, str) else tuple(drive.source)
-            real = isinstance(handle.value, float)
-            width = 0 if real else len(handle) if hasattr(handle, "__len__") else 1
+            handle, own = handles[name], _sources(drive)
+            real, width = isinstance(handle.value, float), _width(handle)
             kind = "real" if real else "code" if isinstance(drive.source, str) and width > 1 else "bits"
             if kind == "bits" and len(own) != width:
                 raise self._wrong(name, own, f"one source, or {width}")
-            nets.append(Net(handle._path, len(sources), drive.low, drive.high, kind))
+            nets.append(Net(handle, width, len(taken), drive.low, drive.high, kind))
             for source in own:
-                if source.lower() in (taken.lower() for taken, _ in sources):
+                if source.lower() in taken:
                     raise self._wrong(name, source, "a source that no other bit drives")
-                sources.append((source, drive))
-        return nets, sources
-
-    def _output_nets(self, handles: Mapping[str, Any]) -> list[Output]:
-        nets, first = [], 0
-        for name, bits in self._outputs.items():
-            crossing = bits[0].crossing or not self._clocks
-            if isinstance(handles[name].value, float):
-                raise self._wrong(name, "a real net", "a net of bits, one for each Compare")
-            nets.append(Output(handles[name]._path, first, tuple(bit.above for bit in bits), crossing))
-            first += len(bits)
+                taken.add(source.lower())
         return nets
 
-    def _circuit(self, levels: Sequence[float], sources: Sequence[tuple[str, Drive]]) -> NgspiceHalf:
-        edges_s = tuple(drive.edge_s for _, drive in sources)
-        names, abrupt = tuple(name for name, _ in sources), tuple(drive.abrupt for _, drive in sources)
+    def _output_nets(self, handles: Mapping[str, Any]) -> list[Output]:
+        nets = []
+        for name, bits in self._outputs.items():
+            handle, crossing = handles[name], bits[0].crossing or not self._clocks
+            if isinstance(handle.value, float) or _width(handle) != len(bits):
+                raise self._wrong(
+                    name, f"{len(bits)} bits", "a Compare for each bit of a net that is not real"
+                )
+            nets.append(Output(handle, tuple(bit.above for bit in bits), crossing))
+        return nets
+
+    def _circuit(self, levels: Sequence[float]) -> NgspiceHalf:
+        drives = [(source, drive) for drive in self._inputs.values() for source in _sources(drive)]
+        edges_s = tuple(drive.edge_s for _, drive in drives)
+        names, abrupt = tuple(name for name, _ in drives), tuple(drive.abrupt for _, drive in drives)
         circuit = tuple(self._lines), names, tuple(levels), abrupt, tuple(self._nodes)
         deck = Deck(*circuit, edges_s=edges_s, breaks=netlist_faults.breaks(self._lines))
         shortest = min(edges_s, default=self._step_s)
         return NgspiceHalf(deck, t_edge_s=shortest, t_max_step_s=self._step_s, t_stop_s=END_S, log=self._log)
+
+
+def _sources(drive: Drive) -> tuple[str, ...]:
+    return (drive.source,) if isinstance(drive.source, str) else tuple(drive.source)
+
+
+def _width(handle: Any) -> int:
+    """Return the number of bits of a net, 64 of a real one."""
+    return 64 if isinstance(handle.value, float) else len(handle) if hasattr(handle, "__len__") else 1
 
 
 def _with_paths(text: str, folder: Path) -> str:
