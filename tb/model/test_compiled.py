@@ -47,10 +47,10 @@ GUARDS = {
     "skin": {"_read_frames": "Skin.read", "_taxel_frames": "Skin.read"},
     # C: lockstep.c and clock_loop.c.
     "lockstep": {
-        **dict.fromkeys(("lockstep_advance", "loop_replay"), "NgspiceHalf.check"),
+        "lockstep_advance": "NgspiceHalf.check",
         "lockstep_open": "Deck",
         **dict.fromkeys(("loop_net", "loop_output"), "ClockLoop"),
-        **dict.fromkeys(("loop_drive", "loop_release"), "numbers and text alone"),
+        "loop_clock": "numbers and text alone",
     },
 }
 

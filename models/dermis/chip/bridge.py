@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from dermis.chip import read_out, register_map, spi_protocol
 from dermis.errors import SimulatorError
-from dermis.lockstep.clock_loop import ClockLoop, DrivenClock, Net, Output, Timebase, known, unit_s
+from dermis.lockstep.clock_loop import ClockLoop, known
 from dermis.lockstep.half import AnalogHalf
 from dermis.timing import Timing
 
@@ -134,8 +134,14 @@ class Bridge:
         for pin in pins:
             pin.value = 0
         dut.spi_cs_ni.value = 1
-        self._per_ps = round(1e-12 / unit_s())
-        clock = DrivenClock(dut.clk_i, self._half_ps * self._per_ps)
+        loop = ClockLoop()
+        self._per_ps = round(1e-12 / loop.unit_s)
+        loop.clock(dut.clk_i, self._half_ps * self._per_ps)
+        # Sources of a deck are rows, preset, charge switches.
+        loop.net(dut.row_select_o, copy=dut.row_sense_i)
+        loop.net(dut.preset_o)
+        loop.net(dut.charge_o)
+        loop.output(dut.comp_async_i, (0.0,) * self._cols)
         for _ in range(3):
             await FallingEdge(dut.clk_i)
         dut.rst_ni.value = 1
@@ -150,7 +156,6 @@ class Bridge:
                 await self._next_clock()
                 if known(dut.frame_start_o):
                     break
-            loop = self._loop()
             for frame in range(frames):
                 await self._first_row(frame)
                 half = make_half(frame, loop.levels())
@@ -168,17 +173,7 @@ class Bridge:
             return np.array(self._host.frames)
         finally:  # another bridge may start from reset after an abort of the analog half
             host.cancel()
-            clock.stop()
-
-    def _loop(self) -> ClockLoop:
-        """Return the clock loop on the pins; sources of a deck are rows, preset, charge switches."""
-        dut, rows = self._dut, self._timing.rows
-        nets = (
-            Net(dut.row_select_o, rows, 0, copy=dut.row_sense_i),
-            Net(dut.preset_o, 1, rows),
-            Net(dut.charge_o, self._cols, rows + 1),
-        )
-        return ClockLoop(nets, [Output(dut.comp_async_i, (0.0,) * self._cols)])
+            loop.close()
 
     async def _first_row(self, frame: int) -> None:
         """Wait until the first row is driven."""
@@ -224,8 +219,9 @@ class Bridge:
             self.trace.begins.append(len(self.trace.row_select))
         # Nets move at rising edges, and with the latch at falling ones; this is a falling edge.
         settle = (self._half_ps + int(self._sync_latch)) * self._per_ps
-        time = Timebase(settle, 2 * self._half_ps * self._per_ps, 1.0 / timing.f_clk_hz, settle)
-        loop.arm(half, time, end=clocks, samples=max(self._samples, trace * self._cols), trace=trace)
+        times = {"base": 2 * self._half_ps * self._per_ps, "base_s": 1.0 / timing.f_clk_hz, "settle": settle}
+        samples = max(self._samples, trace * self._cols)
+        loop.arm(half, **times, before=settle, end=clocks, samples=samples, trace=trace)
         await Timer(2, unit="ps")  # from here on after the loop's look at a clock
         for slot in range(slots):
             wait = timing.slot_clocks - (0 if slot else timing.break_clocks)

@@ -53,10 +53,9 @@ struct {
     solve_t *solve;
     tick_t before, base, settle, idle;
     double base_s, step_s, first_step_s;
-    long end;
-    int both_edges, samples, trace;
+    long end, both_edges, samples, trace;
 
-    int failed; /* 1: for the reason in `text`; below 0: a failure of the half */
+    long failed; /* 1: for the reason in `text`; below 0: a failure of the half */
     double overshoot_v;
     char *kept;
     size_t kept_bytes;
@@ -83,11 +82,18 @@ struct output { /* bit i is comparator first + i, which is high while that sampl
     bool crossing; /* told at once, not at the next clock edge */
 };
 
+struct clock {
+    vpiHandle handle, callback;
+    tick_t half, first; /* half a period, and the time of its first rising edge */
+    PLI_UINT32 level;
+};
+
 static struct {
     bool running;
+    struct clock clock[MAX_CLOCKS];
     struct net net[MAX_NETS];
     struct output output[MAX_NETS];
-    int n_net, n_output, n_comparator, n_crossing;
+    int n_net, n_source, n_output, n_comparator, n_crossing, n_clock;
     double above[MAX_EDGES];
     bool crossing[MAX_EDGES], clear[MAX_EDGES];
     unsigned char high[MAX_EDGES], told[MAX_EDGES]; /* what the HDL knows; 2: nothing yet */
@@ -104,13 +110,6 @@ static struct {
     double t1, t2, v1[MAX_EDGES], v2[MAX_EDGES]; /* the samples before, and before these */
     FILE *kept;
 } lp;
-
-/* cocotb's own clock writes with inertial delay, for which Verilator evaluates the model once more at every edge */
-static struct driver {
-    vpiHandle handle, callback;
-    tick_t half, first; /* half a period, and the time of its first rising edge */
-    PLI_UINT32 level;
-} driver[MAX_CLOCKS];
 
 static void forget(vpiHandle *callback)
 {
@@ -295,7 +294,7 @@ static void begin_event(tick_t tick)
 {
     lp.event_tick = tick;
     if (loop.samples)
-        keep(&lp.now, 1), keep(lp.sample, loop.samples);
+        keep(&lp.now, 1), keep(lp.sample, (int)loop.samples);
 }
 
 /* Distance of a sample from its threshold; negative on the other side than its bit says. */
@@ -409,11 +408,11 @@ static PLI_INT32 on_crossing(p_cb_data data)
 static tick_t next_edge(void)
 {
     tick_t next = 0;
-    for (const struct driver *d = driver; d < driver + MAX_CLOCKS; d++) {
-        tick_t gap = loop.both_edges ? d->half : 2 * d->half, edge = d->first;
-        if (d->callback && lp.event_tick >= edge)
+    for (const struct clock *c = lp.clock; c < lp.clock + lp.n_clock; c++) {
+        tick_t gap = loop.both_edges ? c->half : 2 * c->half, edge = c->first;
+        if (lp.event_tick >= edge)
             edge += ((lp.event_tick - edge) / gap + 1) * gap;
-        if (d->callback && (!next || edge < next))
+        if (!next || edge < next)
             next = edge;
     }
     return next;
@@ -502,19 +501,22 @@ static PLI_INT32 look(p_cb_data data)
 
 double loop_unit(void) { return pow(10.0, vpi_get(vpiTimePrecision, NULL)); }
 
-/* Forget all nets, and a failure. */
+/* Forget all nets and clocks, and a failure. */
 void loop_clear(void)
 {
     loop_stop();
-    lp.n_net = lp.n_output = lp.n_comparator = lp.n_crossing = loop.failed = 0;
+    for (int k = 0; k < lp.n_clock; k++)
+        forget(&lp.clock[k].callback);
+    lp.n_net = lp.n_source = lp.n_output = lp.n_comparator = lp.n_crossing = lp.n_clock = loop.failed = 0;
 }
 
-void loop_net(const char *name, int kind, int width, int source, double low, double high, const char *copy)
+void loop_net(const char *name, int kind, int width, double low, double high, const char *copy)
 {
     struct net *net = &lp.net[lp.n_net++];
     *net = (struct net){.handle = handle_of(name), .copy = copy ? handle_of(copy) : NULL, .kind = (enum kind)kind,
-                        .words = (width + 31) / 32, .source = source, .low = low, .high = high};
+                        .words = (width + 31) / 32, .source = lp.n_source, .low = low, .high = high};
     snprintf(net->name, sizeof net->name, "%s", name);
+    lp.n_source += kind == BITS ? width : 1;
 }
 
 /* Bit i is high while the sample after those of earlier outputs is above above[i]. */
@@ -570,37 +572,18 @@ void loop_arm(void)
 
 static PLI_INT32 toggle(p_cb_data data)
 {
-    struct driver *d = (struct driver *)data->user_data;
-    d->callback = after(d->half, toggle, d);
-    d->level ^= 1;
-    put(d->handle, &d->level, 1); /* last: in Icarus what waits for the edge runs at once, and may stop the clock */
+    struct clock *c = (struct clock *)data->user_data;
+    c->callback = after(c->half, toggle, c);
+    c->level ^= 1;
+    put(c->handle, &c->level, 1); /* last: in Icarus what waits for the edge runs at once, and may stop the clock */
     return 0;
 }
 
-/* Drive a clock that is low: high after `half` units, and so on. Returns its index, or -1. */
-int loop_drive(const char *name, long long half)
+/* Drive a clock that is low: high after `half` units, and so on. cocotb's own clock writes with inertial delay, for which
+   Verilator evaluates the model once more at every edge. */
+void loop_clock(const char *name, tick_t half)
 {
-    for (struct driver *d = driver; d < driver + MAX_CLOCKS; d++)
-        if (!d->callback) {
-            if (!(d->handle = handle_of(name)))
-                return -1;
-            d->half = (tick_t)half, d->level = 0, d->first = ticks() + d->half, d->callback = after(d->half, toggle, d);
-            return (int)(d - driver);
-        }
-    return -1;
-}
-
-void loop_release(int index) { forget(&driver[index].callback); }
-
-/* The half alone, without an HDL simulator: in clock i come the edges first[i] up to first[i + 1] of a record. */
-int loop_replay(solve_t *half, double period, long clocks, const int *first, const int *source, const double *time,
-                const double *level)
-{
-    for (long i = 0; i < clocks; i++) {
-        int failed = half((double)(i + 1) * period, first[i + 1] - first[i], source + first[i], time + first[i], level + first[i],
-                          lp.sample, lp.least, lp.most);
-        if (failed)
-            return failed;
-    }
-    return 0;
+    struct clock *c = &lp.clock[lp.n_clock++];
+    *c = (struct clock){.handle = handle_of(name), .half = half, .first = ticks() + half};
+    c->callback = c->handle ? after(half, toggle, c) : NULL;
 }

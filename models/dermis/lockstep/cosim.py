@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dermis.errors import InputError
 from dermis.lockstep import netlist_faults
-from dermis.lockstep.clock_loop import ClockLoop, DrivenClock, Net, Output, Timebase, unit_s
+from dermis.lockstep.clock_loop import ClockLoop, width
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
 RESET_CLOCKS = 3
@@ -164,14 +164,14 @@ class Cosim:
         from cocotb.triggers import Timer
 
         with ExitStack() as at_end:
-            loop, half, time, longest = await self._ready(dut, at_end)
+            loop, half, times, longest = await self._ready(dut, at_end)
 
             async def watch() -> None:
                 while True:
                     await Timer(256 * longest, unit="step")
                     loop.require()
 
-            loop.arm(half, time, samples=len(self._nodes))
+            loop.arm(half, **times, samples=len(self._nodes))
             try:
                 at_end.callback(cocotb.start_soon(watch()).cancel)
                 yield self
@@ -187,17 +187,19 @@ class Cosim:
                 self.samples = dict(zip(self._nodes, table.T, strict=True))
                 self.overshoot_v = loop.overshoot_v
 
-    async def _ready(self, dut: Any, at_end: ExitStack) -> tuple[ClockLoop, NgspiceHalf, Timebase, int]:
+    async def _ready(self, dut: Any, at_end: ExitStack) -> tuple[ClockLoop, NgspiceHalf, dict[str, Any], int]:
         """Start the clocks, reset the Verilog and load the circuit; `at_end` takes all back.
 
-        The last value returned is the longest period, or step, in units of time.
+        Return loop, circuit, times for `ClockLoop.arm`, and the longest period, or step, in units of time.
         """
         import cocotb
         from cocotb.triggers import Timer
 
         handles = {net: self._handle(dut, net) for net in (*self._inputs, *self._outputs, *self._clocks)}
-        loop = ClockLoop(self._nets(handles), self._output_nets(handles))
-        unit = unit_s()
+        loop = ClockLoop()
+        at_end.callback(loop.close)
+        self._connect(loop, handles)
+        unit = loop.unit_s
         periods = {net: 2 * round(0.5 * period / unit) for net, period in self._clocks.items()}
         for net, units in periods.items():
             exact = self._clocks[net] / unit
@@ -206,11 +208,9 @@ class Cosim:
                 allowed = f"an even multiple of the simulator's unit of time, {unit:g} s"
                 raise self._wrong(f"clock {net}", self._clocks[net], allowed)
         between = [units // 2 if self._both_edges else units for units in periods.values()]
-        for net in self._outputs:
-            handles[net].value = 0
         began = cocotb.utils.get_sim_time("step")
         for net, units in periods.items():
-            at_end.callback(DrivenClock(handles[net], units // 2).stop)
+            loop.clock(handles[net], units // 2)
         longest = max(periods.values(), default=math.ceil(self._step_s / unit))
         if self._reset is not None:
             reset = self._handle(dut, self._reset.net)
@@ -235,13 +235,14 @@ class Cosim:
         if len(periods) == 1:
             ((net, base),) = periods.items()
             base_s = self._clocks[net]
-        first_step_s = 0.125 * min((d.edge_s for d in self._inputs.values()), default=self._step_s)
-        idle = math.ceil(IDLE_STEPS * self._step_s / unit)
-        time = Timebase(0, base, base_s, settle, self._both_edges, self._step_s, first_step_s, idle)
+        shortest_s = min((d.edge_s for d in self._inputs.values()), default=self._step_s)
+        times = {"base": base, "base_s": base_s, "settle": settle, "both_edges": self._both_edges}
+        times |= {"step_s": self._step_s, "first_step_s": 0.125 * shortest_s}
+        times |= {"idle": math.ceil(IDLE_STEPS * self._step_s / unit)}
         half = self._circuit(loop.levels())
         at_end.callback(half.close)
         at_end.callback(loop.stop)
-        return loop, half, time, longest
+        return loop, half, times, longest
 
     def _handle(self, dut: Any, net: str) -> Any:
         top, *names = net.split(".")
@@ -252,33 +253,29 @@ class Cosim:
             raise self._wrong("net", net, f"dut.NAME, a net of {dut._name}")
         return handle
 
-    def _nets(self, handles: Mapping[str, Any]) -> list[Net]:
-        """Return the nets that drive the sources, whose numbers they have in this order."""
-        nets: list[Net] = []
+    def _connect(self, loop: ClockLoop, handles: Mapping[str, Any]) -> None:
+        """Give the loop all nets but clocks; sources and samples are in the order of inputs and outputs."""
         taken: set[str] = set()
         for name, drive in self._inputs.items():
             handle, own = handles[name], _sources(drive)
-            real, width = isinstance(handle.value, float), _width(handle)
-            kind = "real" if real else "code" if isinstance(drive.source, str) and width > 1 else "bits"
-            if kind == "bits" and len(own) != width:
-                raise self._wrong(name, own, f"one source, or {width}")
-            nets.append(Net(handle, width, len(taken), drive.low, drive.high, kind))
+            real, bits = isinstance(handle.value, float), width(handle)
+            code = isinstance(drive.source, str) and bits > 1
+            if len(own) != bits and not (real or code):
+                raise self._wrong(name, own, f"one source, or {bits}")
+            loop.net(handle, drive.low, drive.high, code)
             for source in own:
                 if source.lower() in taken:
                     raise self._wrong(name, source, "a source that no other bit drives")
                 taken.add(source.lower())
-        return nets
-
-    def _output_nets(self, handles: Mapping[str, Any]) -> list[Output]:
-        nets = []
-        for name, bits in self._outputs.items():
-            handle, crossing = handles[name], bits[0].crossing or not self._clocks
-            if isinstance(handle.value, float) or _width(handle) != len(bits):
+        for name, compared in self._outputs.items():
+            handle = handles[name]
+            if isinstance(handle.value, float) or width(handle) != len(compared):
                 raise self._wrong(
-                    name, f"{len(bits)} bits", "a Compare for each bit of a net that is not real"
+                    name, f"{len(compared)} bits", "a Compare for each bit of a net that is not real"
                 )
-            nets.append(Output(handle, tuple(bit.above for bit in bits), crossing))
-        return nets
+            crossing = compared[0].crossing or not self._clocks
+            loop.output(handle, [bit.above for bit in compared], crossing)
+            handle.value = 0
 
     def _circuit(self, levels: Sequence[float]) -> NgspiceHalf:
         drives = [(source, drive) for drive in self._inputs.values() for source in _sources(drive)]
@@ -292,11 +289,6 @@ class Cosim:
 
 def _sources(drive: Drive) -> tuple[str, ...]:
     return (drive.source,) if isinstance(drive.source, str) else tuple(drive.source)
-
-
-def _width(handle: Any) -> int:
-    """Return the number of bits of a net, 64 of a real one."""
-    return 64 if isinstance(handle.value, float) else len(handle) if hasattr(handle, "__len__") else 1
 
 
 def _with_paths(text: str, folder: Path) -> str:
