@@ -26,23 +26,21 @@
 #define MAX_SOURCES 1024 /* a 256 x 256 array has 513 */
 #define MAX_CORNERS (2 * MAX_SOURCES + 8)
 
-/* What `lockstep_open` takes, the last line is what it tells; ngspice.py has the same fields. It stays until the next one.
-   t_edges: how long edges of each source last. late: of each probe; delay: the different times of these above 0, longest
-   first. abrupt: an edge switches a conductance: integration restarts with backward Euler behind it. growth: largest step
-   in the time since the last corner; a tenth of t_edge is always allowed; 0: no such limit. own_steps: no step is longer
-   than ngspice asks for: Gear's formula integrates, or ngspice has other breakpoints. said: all text from ngspice. */
+/* What `lockstep_open` takes, and from t_now and started on what it tells; ngspice.py has the same fields. It stays until
+   the next one. t_edges: how long edges of each source last. late: of each probe. abrupt: an edge switches a conductance:
+   integration restarts with backward Euler behind it. growth: largest step in the time since the last corner; a tenth of
+   t_edge is always allowed; 0: no such limit. own_steps: no step is longer than ngspice asks for: Gear's formula
+   integrates, or ngspice has other breakpoints. said: all text from ngspice. record: rows of a time and all probes. */
 struct circuit {
     const char *log_path, **source_names, **probe_names;
-    const double *levels, *t_edges, *late, *delay;
+    const double *levels, *t_edges, *late;
     const int *abrupt;
-    double t_edge, t_max_step, t_stop, growth;
-    int n_source, n_probe, n_delay, recording, use_ic, own_steps;
+    double t_edge, t_max_step, t_stop, growth, t_now;
+    int n_source, n_probe, recording, use_ic, own_steps;
 
-    /* started: the operating point stands: what ngspice says of time is time of the transient */
-    int started;
+    int started; /* the operating point stands: what ngspice says of time is time of the transient */
     long accepted, rejected, loads;
-    double t_now;
-    char *said, *record; /* rows of a time and all probes there */
+    char *said, *record;
     size_t said_bytes, record_bytes;
     char error[256];
 };
@@ -451,12 +449,16 @@ static int solve(double after, double to, bool early, int n_edge, const int *edg
 int lockstep_advance(double to, int n_edge, const int *edge_source, const double *edge_time, const double *edge_level,
                      double *samples, double *low, double *high)
 {
-    double after = -HUGE_VAL;
+    double after = -HUGE_VAL, late = HUGE_VAL;
     ls.low = low, ls.high = high;
     for (int p = 0; p < of->n_probe; p++)
         low[p] = HUGE_VAL, high[p] = -HUGE_VAL;
-    for (int i = 0; i <= of->n_delay; i++) {
-        double late = i < of->n_delay ? of->delay[i] : 0.0, at = to - late;
+    while (late > 0.0) {
+        double before = late;
+        late = 0.0;
+        for (int p = 0; p < of->n_probe; p++) /* the different ones, longest first, and then 0 */
+            late = of->late[p] < before ? fmax(late, of->late[p]) : late;
+        double at = to - late;
         if (late > 0.0 && at < ls.t_asked - tiny() && ls.t_asked > 0.0)
             return fail("not advanced: a probe is %g s late, but the last sample is %g s ago", late, to - ls.t_asked);
         if (late == 0.0 || at > ls.t_asked + tiny()) {

@@ -112,19 +112,21 @@ class _Circuit(ctypes.Structure):
     _fields_ = (
         ("log_path", ctypes.c_char_p),
         *((name, ctypes.POINTER(ctypes.c_char_p)) for name in ("source_names", "probe_names")),
-        *((name, ctypes.POINTER(ctypes.c_double)) for name in ("levels", "t_edges", "late", "delay")),
+        *((name, ctypes.POINTER(ctypes.c_double)) for name in ("levels", "t_edges", "late")),
         ("abrupt", ctypes.POINTER(ctypes.c_int)),
-        *((name, ctypes.c_double) for name in ("t_edge", "t_max_step", "t_stop", "growth")),
-        *((name, ctypes.c_int) for name in ("n_source", "n_probe", "n_delay")),
-        *((name, ctypes.c_int) for name in ("recording", "use_ic", "own_steps", "started")),
+        *((name, ctypes.c_double) for name in ("t_edge", "t_max_step", "t_stop", "growth", "t_now")),
+        *(
+            (name, ctypes.c_int)
+            for name in ("n_source", "n_probe", "recording", "use_ic", "own_steps", "started")
+        ),
         *((name, ctypes.c_long) for name in ("accepted", "rejected", "loads")),
-        ("t_now", ctypes.c_double),
         *((name, ctypes.c_void_p) for name in ("said", "record")),
         *((name, ctypes.c_size_t) for name in ("said_bytes", "record_bytes")),
         ("error", ctypes.c_char * 256),
     )
 
 
+_KINDS: dict[str, Any] = dict(_Circuit._fields_)
 _kept: list[_Circuit] = []
 """Circuits that lockstep.c may look into: the last one, and any that failed to open after it."""
 
@@ -139,11 +141,7 @@ def loaded() -> ctypes.CDLL:
 
 
 def _array(kind: Any, items: Sequence[Any]) -> Any:
-    return (kind * len(items))(*items)
-
-
-def _texts(items: Sequence[str], *end: None) -> Any:
-    return _array(ctypes.c_char_p, [*(item.encode() for item in items), *end])
+    return (kind * len(items))(*(item.encode() if isinstance(item, str) else item for item in items))
 
 
 class NgspiceHalf:
@@ -185,41 +183,33 @@ class NgspiceHalf:
         use_ic: bool = False,
         level: ladder.Level = ladder.PLAIN,
     ) -> None:
-        self._lib, self._log = loaded(), log
-        self._probes, self._sources = deck.probes, deck.sources
+        self._lib, self._log, self._probes, self._sources = loaded(), log, deck.probes, deck.sources
         netlist_faults.refuse(deck.lines)
-        late_s = np.array(deck.late_s or (0.0,) * len(deck.probes), dtype=float)
-        if late_s.shape != (len(deck.probes),) or not (late_s >= 0).all():
+        self._late_s = np.array(deck.late_s or (0.0,) * len(deck.probes), dtype=float)
+        if self._late_s.shape != (len(deck.probes),) or not (self._late_s >= 0).all():
             raise ValueError(f"late_s = {deck.late_s}: a time from 0 for every probe")
         log.parent.mkdir(parents=True, exist_ok=True)
         start = ladder.START[level.start]
         lines = [*deck.lines, *level.option_lines]
-        own_steps = deck.breaks or any("method=gear" in "".join(line.lower().split()) for line in lines)
-        step_s = min(t_max_step_s, deck.longest_step_s)
-        self._late_s = late_s
-        late = np.where(late_s > 1e-10 * step_s, late_s, 0.0)  # `tiny` of lockstep.c
-        delays = sorted({*late.tolist()} - {0.0}, reverse=True)
-        shortest_s = min(t_edge_s, deck.longest_edge_s)
+        step_s, shortest_s = min(t_max_step_s, deck.longest_step_s), min(t_edge_s, deck.longest_edge_s)
         edges_s = deck.edges_s or [t_edge_s if abrupt else shortest_s for abrupt in deck.abrupt]
-        numbers = {"levels": deck.levels, "t_edges": edges_s, "late": late.tolist(), "delay": delays}
+        late_s = np.where(self._late_s > 1e-10 * step_s, self._late_s, 0.0)  # `tiny` of lockstep.c
+        gear = any("method=gear" in "".join(line.lower().split()) for line in lines)
+        arrays = {"source_names": deck.sources, "probe_names": deck.probes, "abrupt": deck.abrupt}
+        arrays |= {"levels": deck.levels, "t_edges": edges_s, "late": late_s.tolist()}
+        given: dict[str, Any] = {name: _array(_KINDS[name]._type_, items) for name, items in arrays.items()}
+        given |= {"log_path": str(log).encode(), "n_source": len(deck.sources), "n_probe": len(deck.probes)}
+        given |= {"t_edge": t_edge_s, "t_max_step": step_s, "t_stop": t_stop_s, "growth": deck.step_growth}
+        given |= {"recording": record, "use_ic": use_ic, "own_steps": deck.breaks or gear}
 
         def load(extra: Sequence[str], how: ladder.Rung) -> None:
-            self._circuit = _Circuit(
-                log_path=str(log).encode(),
-                source_names=_texts(deck.sources), n_source=len(deck.sources),
-                probe_names=_texts(deck.probes), n_probe=len(deck.probes), n_delay=len(delays),
-                **{name: _array(ctypes.c_double, values) for name, values in numbers.items()},
-                abrupt=_array(ctypes.c_int, deck.abrupt), t_edge=t_edge_s,
-                t_max_step=step_s, t_stop=t_stop_s, growth=deck.step_growth,
-                recording=record, use_ic=use_ic, own_steps=own_steps,
-            )  # fmt: skip
+            self._circuit = _Circuit(**given)
             _kept.append(self._circuit)
             if self._lib.lockstep_open(self._circuit):
                 self.fail()
             _kept[:] = [self._circuit]
-            text = [*lines, *extra, ".end"]
-            # An error in a line is not in the code that it returns.
-            if self._lib.ngSpice_Circ(_texts(text, None)) or "stderr Error" in self._said():
+            text = _array(ctypes.c_char_p, [*lines, *extra, ".end", None])
+            if self._lib.ngSpice_Circ(text) or "stderr Error" in self._said():  # which its code may not say
                 self.fail(what="ngspice refuses the deck")
             self._lib.ngSpice_Command(how.optran.encode())
 
