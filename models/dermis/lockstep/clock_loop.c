@@ -323,15 +323,8 @@ static void tell(bool crossings)
     }
 }
 
-/* Time in which a distance `rest` is used up, by the parabola through the last three points; infinite if it never is. */
-static double until(double rest, double slope, double bend)
-{
-    double root = slope * slope - 2.0 * bend * rest;
-    double speed = root < 0.0 ? 0.0 : sqrt(root) - slope;
-    return speed > 0.0 ? 2.0 * rest / speed : HUGE_VAL;
-}
-
-/* Time to the crossing of a comparator; with no parabola where the slope may have changed in between. */
+/* Time to the crossing of a comparator, by the parabola through the last three points, by a line where the slope may have
+   changed in between; infinite if there is none. */
 static double predict(int p, bool parabola)
 {
     double rest = left(p), sign = lp.high[p] ? 1.0 : -1.0, bend = 0.0;
@@ -340,7 +333,8 @@ static double predict(int p, bool parabola)
         bend = 2.0 * (slope - sign * (lp.v1[p] - lp.v2[p]) / (lp.t1 - lp.t2)) / (lp.now - lp.t2);
         slope += 0.5 * bend * (lp.now - lp.t1);
     }
-    double go = until(rest, slope, bend); /* short of it until the prediction is as good as LANDED_V */
+    double root = slope * slope - 2.0 * bend * rest, speed = root < 0.0 ? 0.0 : sqrt(root) - slope;
+    double go = speed > 0.0 ? 2.0 * rest / speed : HUGE_VAL; /* short of it until that is as good as LANDED_V */
     return fmax(rest < NEAR_V ? go : 0.9 * go, 32.0 * 2.22e-16 * lp.now);
 }
 

@@ -214,7 +214,7 @@ class ClockLoop:
         words = [self._loop.trace * ((bits + 31) // 32) for _, bits, *_ in self._nets]
         ends = [1 + self._loop.samples, *(1 + self._loop.samples + np.cumsum(words)).tolist()]
         rows = np.frombuffer(ctypes.string_at(self._loop.kept, self._loop.kept_bytes))
-        return rows[: len(rows) // ends[-1] * ends[-1]].reshape(-1, ends[-1]), ends
+        return rows[: len(rows) // ends[-1] * ends[-1]].reshape(-1, ends[-1]).copy(), ends
 
     def samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """End the loop; return the times [events] in s of 0 and all events, and samples [events, samples] in volt."""

@@ -175,13 +175,12 @@ class Cosim:
             try:
                 at_end.callback(cocotb.start_soon(watch()).cancel)
                 yield self
+                loop.require()
             except CancelledError:
                 raise
             except BaseException:
                 loop.require()  # the cause of whatever failed in the block
                 raise
-            else:
-                loop.require()
             finally:
                 self.times, table = loop.samples()
                 self.samples = dict(zip(self._nodes, table.T, strict=True))
@@ -231,13 +230,12 @@ class Cosim:
             if all(settle <= past < gap - ahead for past, gap in zip(passed, between, strict=True)):
                 break
             await Timer(1, unit="step")
-        base, base_s = 1, unit
-        if len(periods) == 1:
-            ((net, base),) = periods.items()
-            base_s = self._clocks[net]
-        shortest_s = min((d.edge_s for d in self._inputs.values()), default=self._step_s)
-        times = {"base": base, "base_s": base_s, "settle": settle, "both_edges": self._both_edges}
-        times |= {"step_s": self._step_s, "first_step_s": 0.125 * shortest_s}
+        one = len(periods) == 1  # which may have any period
+        times = {"base": longest if one else 1, "base_s": max(self._clocks.values()) if one else unit}
+        times |= {"settle": settle, "both_edges": self._both_edges, "step_s": self._step_s}
+        times |= {
+            "first_step_s": 0.125 * min((d.edge_s for d in self._inputs.values()), default=self._step_s)
+        }
         times |= {"idle": math.ceil(IDLE_STEPS * self._step_s / unit)}
         half = self._circuit(loop.levels())
         at_end.callback(half.close)
