@@ -24,7 +24,6 @@
 
 #define STACK_BYTES (64u << 20) /* ngspice's parser recurses deeply on large decks; pages are only touched when used */
 #define MAX_SOURCES 1024 /* a 256 x 256 array has 513 */
-#define MAX_CORNERS (2 * MAX_SOURCES + 8)
 
 /* What `lockstep_open` takes, and from t_now and started on what it tells; ngspice.py has the same fields. It stays until
    the next one. t_edges: how long edges of each source last. late: of each probe. abrupt: an edge switches a conductance:
@@ -65,9 +64,6 @@ static struct lockstep {
 
     int vector[MAX_SOURCES]; /* of each probe, in ngspice */
     double probe[MAX_SOURCES], *low, *high; /* and their extremes since the last advance began */
-
-    double corner[MAX_CORNERS]; /* ascending; times at which some source changes its slope */
-    int n_corner;
 
     bool sampled; /* the probes have had a value; with initial conditions there is none at time 0 */
     bool poisoned; /* sources are NaN, so that ngspice gives up */
@@ -164,28 +160,19 @@ static double ulps(double t) { return 8.0 * 2.220446049250313e-16 * fmax(fabs(t)
 /* Times this close are one: a step between them would be near ngspice's smallest, 1e-11 of the largest. */
 static double tiny(void) { return 1e-10 * of->t_max_step; }
 
-static void add_corner(double t)
+/* The first time after t at which a source begins or ends its edge, and if one does at t. No step goes beyond such a time. */
+static double next_corner(double t, bool *landed)
 {
-    int i = ls.n_corner;
-    while (i > 0 && ls.corner[i - 1] > t)
-        i--;
-    if (i > 0 && fabs(ls.corner[i - 1] - t) <= ulps(t))
-        return;
-    memmove(ls.corner + i + 1, ls.corner + i, (size_t)(ls.n_corner - i) * sizeof *ls.corner);
-    ls.corner[i] = t;
-    ls.n_corner++;
-}
-
-static bool drop_corners_until(double t)
-{
-    int n = 0;
-    while (n < ls.n_corner && ls.corner[n] <= t + ulps(t))
-        n++;
-    if (n) {
-        memmove(ls.corner, ls.corner + n, (size_t)(ls.n_corner - n) * sizeof *ls.corner);
-        ls.n_corner -= n;
-    }
-    return n > 0;
+    double next = HUGE_VAL;
+    for (const struct source *s = ls.source; s < ls.source + of->n_source; s++)
+        for (int end = 0; end < 2; end++) {
+            double corner = end ? s->t + s->t_edge : s->t;
+            if (corner > t + ulps(t))
+                next = fmin(next, corner);
+            else if (corner >= t - ulps(t))
+                *landed = true;
+        }
+    return next;
 }
 
 /* Hand over to the caller if a time point stands at the time it asked for, and learn its next edges.
@@ -198,14 +185,13 @@ static void meet(double t)
 {
     of->t_now = t;
     while (t >= ls.t_target - ulps(t)) {
-        int before = ls.n_corner;
+        ls.ramp_begins = false;
         ls.waiting = true;
         swapcontext(&runner, &caller);
         ls.waiting = false;
         if (ls.poisoned)
             return;
         ls.met = true;
-        ls.ramp_begins = ls.n_corner > before;
         for (int i = 0; i < of->n_source; i++)
             if (of->abrupt[i] && ls.source[i].t >= t - ulps(t)) {
                 /* ngspice ignores a breakpoint at its own time, and takes one within 100 ulp as reached */
@@ -230,7 +216,8 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
     }
     of->accepted++;
     meet(t); /* without initial operating point there is no data at t = 0 */
-    bool landed = drop_corners_until(t);
+    bool landed = false;
+    double left = fmin(next_corner(t, &landed), ls.t_target) - t;
     if (landed)
         ls.kind = AFTER_RAMP;
     if (ls.met) {
@@ -241,7 +228,6 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         landed = true;
         ls.met = false;
     }
-    double left = (ls.n_corner ? fmin(ls.corner[0], ls.t_target) : ls.t_target) - t;
     ls.first_of_kind = landed;
     if (landed && ls.kind != AFTER_SAMPLE)
         ls.t_corner = t;
@@ -416,11 +402,8 @@ static int solve(double after, double to, bool early, int n_edge, const int *edg
         struct source *s = &ls.source[i];
         if (t < s->t + s->t_edge - ulps(t))
             return fail("an edge begins before the last one of its source has ended: %.60s at %.9g s", of->source_names[i], t);
-        if (ls.n_corner + 2 > MAX_CORNERS)
-            return fail("too many edges in one interval");
         s->from = level(s, t), s->to = edge_level[e], s->t = t;
-        add_corner(t);
-        add_corner(t + s->t_edge);
+        ls.ramp_begins = true;
     }
     ls.t_target = to, ls.state = RUNNING;
     swapcontext(&caller, &runner);
