@@ -267,7 +267,7 @@ static PLI_INT32 on_change(p_cb_data data)
 
 static void keep(const double *numbers, int n)
 {
-    if (fwrite(numbers, sizeof *numbers, (size_t)n, lp.kept) != (size_t)n)
+    if (fwrite_unlocked(numbers, sizeof *numbers, (size_t)n, lp.kept) != (size_t)n)
         abort();
 }
 

@@ -283,8 +283,8 @@ static int on_data(pvecvaluesall all, int count, int id, void *user)
         if (all->vecsa[v]->is_scale)
             t = all->vecsa[v]->creal;
     if (ls.record) {
-        fwrite(&t, sizeof t, 1, ls.record);
-        fwrite(ls.probe, sizeof t, (size_t)of->n_probe, ls.record);
+        fwrite_unlocked(&t, sizeof t, 1, ls.record);
+        fwrite_unlocked(ls.probe, sizeof t, (size_t)of->n_probe, ls.record);
         if (fflush(ls.record))
             abort();
     }
