@@ -45,11 +45,10 @@ GUARDS = {
     "skin": {"_read_frames": "Skin.read", "_taxel_frames": "Skin.read"},
     # C: lockstep.c and clock_loop.c.
     "lockstep": {
-        **dict.fromkeys(("lockstep_advance", "loop_replay"), "NgspiceHalf.check"),
+        "lockstep_advance": "NgspiceHalf.check",
         "lockstep_open": "Deck",
-        **dict.fromkeys(("loop_arm", "loop_levels", "loop_output"), "ClockLoop"),
-        **dict.fromkeys(("loop_clock", "loop_drive", "loop_net", "loop_release"), "numbers and text alone"),
-        "lockstep_operating_point": "its own text",
+        **dict.fromkeys(("loop_net", "loop_output"), "ClockLoop"),
+        "loop_clock": "numbers and text alone",
     },
 }
 

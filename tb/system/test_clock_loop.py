@@ -79,8 +79,8 @@ def test_both_loops_are_equal_to_the_bit(resistance_plan: MakePlan, tmp_path: Pa
 # Text of clock_loop.c, a fault in its place, and the quantity that shows it.
 FAULTS = {
     "delay": ("(double)(net->tick - lp.event_tick)", "0.0", "codes|samples|pins"),
-    "bit": ("           put(out->handle, ", "out->bits[0] >>= 1, put(out->handle, ", "codes|samples|pins"),
-    "early": ("lp.settle = (tick_t)settle", "lp.settle = (tick_t)settle / 2", "Error"),
+    "bit": ("put(out->handle, word", "word[0] >>= 1, put(out->handle, word", "codes|samples|pins"),
+    "early": ("at - tick + loop.settle", "at - tick + loop.settle / 2", "Error"),
 }
 
 

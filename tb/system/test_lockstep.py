@@ -43,7 +43,7 @@ def test_an_example_meets_its_closed_form(
 # Text of clock_loop.c, a fault in its place, and the example that must fail.
 FAULTS = {
     "prediction": ("fmax(rest < NEAR_V ? go : 0.9 * go, ", "fmax(2.0 * go, ", "oscillator"),
-    "rounded": ("double time = lp.event + ", "double time = lp.event + 1e-12 + ", "oscillator"),
+    "rounded": ("double time = lp.now + ", "double time = lp.now + 1e-12 + ", "oscillator"),
     "bit": ("net->value[w] >> bit & 1 ? net->high : net->low);\n        }", "net->low);\n        }", "sar"),
     "low": ("net->high : net->low);\n        }", "1.0 : 0.0);\n        }", "sigma_delta"),
 }

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from dermis.chip import read_out, register_map, spi_protocol
 from dermis.errors import SimulatorError
-from dermis.lockstep.clock_loop import ClockLoop, DrivenClock, Net, Output, Timebase, unit_s
+from dermis.lockstep.clock_loop import ClockLoop, known
 from dermis.lockstep.half import AnalogHalf
 from dermis.timing import Timing
 
@@ -59,14 +59,6 @@ def analog_s(timing: Timing, rows: int | None = None) -> float:
     """Return the seconds of a scan of some or all rows: from its first driven row to the next frame's first edge."""
     slots = timing.rows if rows is None else rows
     return (slots * timing.slot_clocks - timing.break_clocks) / timing.f_clk_hz
-
-
-def _known(handle: Any) -> int:
-    try:
-        return int(handle.value)  # asking is_resolvable first costs 7 us for sixteen bits
-    except ValueError:
-        said = f"{handle._name} is {handle.value}, not 0 or 1: the Verilog lost its state"
-        raise SimulatorError(said) from None
 
 
 def _settings(timing: Timing, cols: int, rows: range | None, ranges: Sequence[int]) -> list[tuple[int, int]]:
@@ -142,8 +134,14 @@ class Bridge:
         for pin in pins:
             pin.value = 0
         dut.spi_cs_ni.value = 1
-        self._per_ps = round(1e-12 / unit_s())
-        clock = DrivenClock(dut.clk_i, self._half_ps * self._per_ps)
+        loop = ClockLoop()
+        self._per_ps = round(1e-12 / loop.unit_s)
+        loop.clock(dut.clk_i, self._half_ps * self._per_ps)
+        # Sources of a deck are rows, preset, charge switches.
+        loop.net(dut.row_select_o, copy=dut.row_sense_i)
+        loop.net(dut.preset_o)
+        loop.net(dut.charge_o)
+        loop.output(dut.comp_async_i, (0.0,) * self._cols)
         for _ in range(3):
             await FallingEdge(dut.clk_i)
         dut.rst_ni.value = 1
@@ -156,12 +154,11 @@ class Bridge:
         try:
             for _ in range(START_CLOCKS):
                 await self._next_clock()
-                if _known(dut.frame_start_o):
+                if known(dut.frame_start_o):
                     break
-            loop = self._loop()
             for frame in range(frames):
                 await self._first_row(frame)
-                half = make_half(frame, loop.levels(self._timing.rows + 1 + self._cols))
+                half = make_half(frame, loop.levels())
                 try:
                     await self._frame(frame, loop, half)
                 finally:
@@ -176,17 +173,7 @@ class Bridge:
             return np.array(self._host.frames)
         finally:  # another bridge may start from reset after an abort of the analog half
             host.cancel()
-            clock.stop()
-
-    def _loop(self) -> ClockLoop:
-        """Return the clock loop on the pins; sources of a deck are rows, preset, charge switches."""
-        dut, rows = self._dut, self._timing.rows
-        nets = (
-            Net(dut.row_select_o._path, 0, copy=dut.row_sense_i._path),
-            Net(dut.preset_o._path, rows),
-            Net(dut.charge_o._path, rows + 1),
-        )
-        return ClockLoop(nets, [Output(dut.comp_async_i._path, 0, (0.0,) * self._cols)])
+            loop.close()
 
     async def _first_row(self, frame: int) -> None:
         """Wait until the first row is driven."""
@@ -202,12 +189,12 @@ class Bridge:
 
     def _pins(self) -> tuple[int, int, int]:
         dut = self._dut
-        return _known(dut.row_select_o), _known(dut.preset_o), _known(dut.charge_o)
+        return known(dut.row_select_o), known(dut.preset_o), known(dut.charge_o)
 
     def _record(self) -> None:
         """Keep a clock between two frames, which no analog half sees."""
         if self.trace is not None and self.trace.begins:
-            self._keep([[bits] for bits in (*self._pins(), _known(self._dut.comp_async_i))])
+            self._keep([[bits] for bits in (*self._pins(), known(self._dut.comp_async_i))])
 
     def _keep(self, nets: list[list[int]]) -> None:
         for name, more in zip(("row_select", "preset", "charge", "comparator"), nets, strict=True):
@@ -220,7 +207,7 @@ class Bridge:
 
     def ranges(self) -> list[int]:
         """Return the range that the chip's pins select for each column."""
-        word = _known(self._dut.range_o)
+        word = known(self._dut.range_o)
         return [word >> 2 * c & 3 for c in range(self._cols)]
 
     async def _frame(self, frame: int, loop: ClockLoop, half: AnalogHalf) -> None:
@@ -232,9 +219,9 @@ class Bridge:
             self.trace.begins.append(len(self.trace.row_select))
         # Nets move at rising edges, and with the latch at falling ones; this is a falling edge.
         settle = (self._half_ps + int(self._sync_latch)) * self._per_ps
-        period = 2 * self._half_ps * self._per_ps
-        time = Timebase(settle, 1.0 / timing.f_clk_hz, period, settle, ((period, period),))
-        loop.arm(half, time, clocks=clocks, samples=self._samples, trace=trace)
+        times = {"base": 2 * self._half_ps * self._per_ps, "base_s": 1.0 / timing.f_clk_hz, "settle": settle}
+        samples = max(self._samples, trace * self._cols)
+        loop.arm(half, **times, before=settle, end=clocks, samples=samples, trace=trace)
         await Timer(2, unit="ps")  # from here on after the loop's look at a clock
         for slot in range(slots):
             wait = timing.slot_clocks - (0 if slot else timing.break_clocks)
@@ -242,11 +229,13 @@ class Bridge:
             loop.require()
             self._slots += 1
             self._progress(self._slots)
+        samples = loop.samples()[1]
         if trace:
-            self._keep(loop.trace((timing.rows, 1, self._cols, self._cols)))
+            comparators = np.packbits(samples[1:, : self._cols] > 0.0, axis=1, bitorder="little")
+            self._keep([*loop.trace(), [int.from_bytes(row.tobytes(), "little") for row in comparators]])
         if self._samples:
-            self.samples.append(loop.samples()[1])
-        if self._pins()[0] or not _known(self._dut.frame_start_o):
+            self.samples.append(samples[:, : self._samples])
+        if self._pins()[0] or not known(self._dut.frame_start_o):
             raise SimulatorError(f"frame {frame} does not end {clocks} clocks after its first row")
 
 
@@ -274,7 +263,7 @@ class _Host:
         dut = self._dut
         try:
             for frame in range(frames):
-                if not _known(dut.frame_ready_o):
+                if not known(dut.frame_ready_o):
                     await RisingEdge(dut.frame_ready_o)
                 data = await self._transact(spi_protocol.read_frame_bytes(WAIT_BYTES))
                 codes = read_out.codes_of_frame(data, frame, self._timing, self._cols, self._rows)
@@ -305,7 +294,7 @@ class _Host:
             ended = True
             raise
         finally:
-            if not ended and _known(dut.spi_sck_i):
+            if not ended and known(dut.spi_sck_i):
                 await FallingEdge(dut.spi_sck_i)
             sck.stop()
             dut.spi_cs_ni.value = 1
@@ -323,7 +312,7 @@ class _Host:
             if moves:
                 dut.spi_copi_i.value = word >> bit & 1
             await rise
-            got = got << 1 | _known(cipo)
+            got = got << 1 | known(cipo)
             if moves:
                 await fall
         return got.to_bytes(len(send), "big")

@@ -33,8 +33,7 @@
 #define MAX_NETS 64
 #define MAX_CLOCKS 8
 #define MAX_WORDS 8    /* of 32 bits, in a net; the chip's widest have 128 */
-#define MAX_EDGES 4096 /* between two looks; more than sources of a deck */
-#define TEXT_BYTES 512
+#define MAX_EDGES 4096 /* between two looks, and samples; more than sources of a deck */
 #define LANDED_V 2e-12 /* a crossing this near is reached */
 #define CLEAR_V 1e-9   /* this far from its threshold a comparator may cross again */
 #define NEAR_V 1e-6    /* from here a crossing is predicted to LANDED_V; one that was passed by more is an error */
@@ -42,12 +41,28 @@
 typedef unsigned long long tick_t;
 
 /* `solve` up to time `to` with these edges: samples there, and their extremes since the last call, for a pulse may be over
-   before `to`; returns 0, or a failure which only its owner understands */
+   before `to`; returns 0, or a failure below 0 which only its owner understands */
 typedef int solve_t(double to, int n_edge, const int *source, const double *time, const double *level, double *sample,
                     double *low, double *high);
 
-enum state { IDLE, RUNNING, ENDED, WRONG, UNSOLVED }; /* WRONG: text has the reason; UNSOLVED: code is of the half */
-enum kind { BITS, CODE, REAL };                       /* a source a bit; one source for the number, or for the real value */
+/* What the loop is given and tells; clock_loop.py has the same fields. Time 0 of the half is `before` units ago; `base`
+   units last `base_s` seconds. Steps towards a crossing begin with first_step_s and are never over `step_s`; without a clock the
+   HDL is met every `idle` units. The loop ends after `end` events, 0: never. Rows in `kept`: time and the first `samples` samples of
+   an event; with `trace` then a number for each word of the nets, as they are after it. */
+struct {
+    solve_t *solve;
+    tick_t before, base, settle, idle;
+    double base_s, step_s, first_step_s;
+    long end, both_edges, samples, trace;
+
+    long failed; /* 1: for the reason in `text`; below 0: a failure of the half */
+    double overshoot_v;
+    char *kept;
+    size_t kept_bytes;
+    char text[512];
+} loop;
+
+enum kind { BITS, CODE, REAL }; /* a source a bit; one source for the number, or for the real value */
 
 struct net {
     char name[128];
@@ -55,50 +70,45 @@ struct net {
     enum kind kind;
     int words, source;    /* bit 0 drives this source */
     double low, high;     /* level of bits 0 and 1, or of numbers 0 and 1 */
-    bool moved;
+    bool moved, unknown;
     tick_t tick;          /* of its change */
-    PLI_UINT32 last[MAX_WORDS], value[MAX_WORDS], unknown;
-    double real, last_real;
+    PLI_UINT32 last[MAX_WORDS], value[MAX_WORDS]; /* a real number is two words */
 };
 
-struct output { /* bit i is high while sample first + i is above its threshold */
+struct output { /* bit i is comparator first + i, which is high while that sample is above its threshold */
     char name[128];
     vpiHandle handle;
-    int first, width, words;
+    int first, width;
     bool crossing; /* told at once, not at the next clock edge */
-    PLI_UINT32 bits[MAX_WORDS], sent[MAX_WORDS];
+};
+
+struct clock {
+    vpiHandle handle, callback;
+    tick_t half, first; /* half a period, and the time of its first rising edge */
+    PLI_UINT32 level;
 };
 
 static struct {
-    enum state state;
-    int code;
-    char text[TEXT_BYTES];
-
+    bool running;
+    struct clock clock[MAX_CLOCKS];
     struct net net[MAX_NETS];
     struct output output[MAX_NETS];
-    struct { tick_t first, next, period; } clock[MAX_CLOCKS];
-    int n_net, n_output, n_clock, n_crossing;
+    int n_net, n_source, n_output, n_comparator, n_crossing, n_clock;
     double above[MAX_EDGES];
-    bool clear[MAX_EDGES];
+    bool crossing[MAX_EDGES], clear[MAX_EDGES];
+    unsigned char high[MAX_EDGES], told[MAX_EDGES]; /* what the HDL knows; 2: nothing yet */
 
-    solve_t *solve;
     vpiHandle callback; /* the next look */
-    tick_t origin, settle, base_ticks; /* base_ticks last `base` seconds */
-    double base, step, first_step, idle, now, overshoot;
-    long at, end; /* clock edges since the loop was armed */
-    tick_t event_tick; /* of the event that the half has been solved up to */
-    double event;
-    bool landed; /* it is a crossing */
-    bool near;   /* it is a clock edge, and the HDL was told of a crossing one unit before */
+    tick_t origin;
+    double now;        /* of the half */
+    tick_t event_tick; /* of the event that it has been solved up to */
+    bool near;         /* the HDL was told of a crossing one unit before this clock edge */
+    long events;
 
     int source[MAX_EDGES], n_edge;
-    double time[MAX_EDGES], level[MAX_EDGES], sample[MAX_EDGES], low[MAX_EDGES], high[MAX_EDGES];
+    double time[MAX_EDGES], level[MAX_EDGES], sample[MAX_EDGES], least[MAX_EDGES], most[MAX_EDGES];
     double t1, t2, v1[MAX_EDGES], v2[MAX_EDGES]; /* the samples before, and before these */
-
-    int n_sample, traced; /* samples that are kept at each event, and words of nets and outputs, at each clock edge */
-    double *samples;
-    PLI_UINT32 *trace;
-    size_t rows, room;
+    FILE *kept;
 } lp;
 
 static void forget(vpiHandle *callback)
@@ -108,22 +118,27 @@ static void forget(vpiHandle *callback)
     *callback = NULL;
 }
 
-static int stop(enum state state)
+void loop_stop(void)
 {
-    lp.state = state;
+    lp.running = false;
+    if (lp.kept)
+        fflush(lp.kept); /* sets loop.kept */
     forget(&lp.callback);
     for (int i = 0; i < lp.n_net; i++)
         forget(&lp.net[i].callback);
-    return 0;
 }
 
+/* End with the first of such reasons; 0. */
 static int wrong(const char *format, ...)
 {
     va_list values;
     va_start(values, format);
-    vsnprintf(lp.text, TEXT_BYTES, format, values);
+    if (!loop.failed)
+        vsnprintf(loop.text, sizeof loop.text, format, values);
     va_end(values);
-    return stop(WRONG);
+    loop.failed = 1;
+    loop_stop();
+    return 0;
 }
 
 static vpiHandle after(tick_t wait, PLI_INT32 (*call)(p_cb_data), void *user)
@@ -135,18 +150,13 @@ static vpiHandle after(tick_t wait, PLI_INT32 (*call)(p_cb_data), void *user)
 
 static vpiHandle handle_of(const char *name)
 {
+    char below[512];
+    snprintf(below, sizeof below, "TOP.%s", name); /* Verilator has another level above the top module */
     vpiHandle found = vpi_handle_by_name((PLI_BYTE8 *)name, NULL);
-    if (!found) { /* Verilator has another level above the top module */
-        char below[TEXT_BYTES];
-        snprintf(below, sizeof below, "TOP.%s", name);
-        found = vpi_handle_by_name(below, NULL);
-    }
-    if (!found)
+    if (!found && !(found = vpi_handle_by_name(below, NULL)))
         wrong("the Verilog has no net %s", name);
     return found;
 }
-
-static int words_of(vpiHandle handle) { return (vpi_get(vpiSize, handle) + 31) / 32; }
 
 static tick_t ticks(void)
 {
@@ -159,7 +169,14 @@ static tick_t ticks(void)
 static double seconds(tick_t tick)
 {
     tick_t since = tick - lp.origin;
-    return (double)(since / lp.base_ticks) * lp.base + lp.base * ((double)(since % lp.base_ticks) / (double)lp.base_ticks);
+    return (double)(since / loop.base) * loop.base_s +
+           loop.base_s * ((double)(since % loop.base) / (double)loop.base);
+}
+
+/* The first unit of time at or after a time. */
+static tick_t tick_from(double time)
+{
+    return lp.origin + (tick_t)ceil(time / loop.base_s * (double)loop.base - 1e-6);
 }
 
 /* ---- nets ------------------------------------------------------------------------------------------------- */
@@ -168,20 +185,20 @@ static void read_net(struct net *net)
 {
     s_vpi_value value = {.format = net->kind == REAL ? vpiRealVal : vpiVectorVal};
     vpi_get_value(net->handle, &value);
-    net->unknown = 0;
+    net->unknown = net->kind == REAL && !isfinite(value.value.real);
     if (net->kind == REAL)
-        net->real = value.value.real;
+        memcpy(net->value, &value.value.real, sizeof value.value.real);
     else
         for (int w = 0; w < net->words; w++) {
             net->value[w] = (PLI_UINT32)value.value.vector[w].aval;
-            net->unknown |= (PLI_UINT32)value.value.vector[w].bval;
+            net->unknown |= value.value.vector[w].bval != 0;
         }
 }
 
 static bool known(const struct net *net)
 {
     s_vpi_value value = {.format = vpiBinStrVal};
-    if (!net->unknown && (net->kind != REAL || isfinite(net->real)))
+    if (!net->unknown)
         return true;
     vpi_get_value(net->handle, &value);
     return wrong("%s is %.200s, not 0 or 1: the Verilog lost its state", net->name, value.value.str);
@@ -205,9 +222,9 @@ static void add_edge(int source, double time, double level)
 /* Level of a net with one source. */
 static double number(const struct net *net)
 {
-    double sum = net->real;
-    if (net->kind == CODE)
-        sum = 0.0;
+    double sum = 0.0;
+    if (net->kind == REAL)
+        memcpy(&sum, net->value, sizeof sum);
     for (int w = net->words; net->kind == CODE && w > 0; w--)
         sum = 4294967296.0 * sum + net->value[w - 1];
     return net->low + (net->high - net->low) * sum;
@@ -216,7 +233,7 @@ static double number(const struct net *net)
 /* Make edges of the last change of a net; false for an X. */
 static bool commit(struct net *net)
 {
-    double time = lp.event + lp.base * ((double)(net->tick - lp.event_tick) / (double)lp.base_ticks);
+    double time = lp.now + loop.base_s * ((double)(net->tick - lp.event_tick) / (double)loop.base);
     net->moved = false;
     if (!known(net))
         return false;
@@ -228,7 +245,6 @@ static bool commit(struct net *net)
             add_edge(net->source + 32 * w + bit, time, net->value[w] >> bit & 1 ? net->high : net->low);
         }
     memcpy(net->last, net->value, sizeof net->last);
-    net->last_real = net->real;
     return true;
 }
 
@@ -236,12 +252,12 @@ static PLI_INT32 on_change(p_cb_data data)
 {
     struct net *net = (struct net *)data->user_data;
     tick_t tick = ticks();
-    if (lp.state != RUNNING)
+    if (!lp.running)
         return 0;
     tick += lp.near && tick + 1 == lp.event_tick;
     if (tick < lp.event_tick)
         return wrong("%s changed at %.9g s, between events: the last was settled, the next is at %.9g s", net->name,
-                     seconds(tick), lp.event);
+                     seconds(tick), lp.now);
     if (net->moved && net->tick != tick && !commit(net)) /* within one tick only the last value counts */
         return 0;
     read_net(net);
@@ -249,106 +265,87 @@ static PLI_INT32 on_change(p_cb_data data)
     return 0;
 }
 
-/* ---- what is kept ----------------------------------------------------------------------------------------- */
-
-static void keep(void)
+static void keep(const double *numbers, int n)
 {
-    size_t width = (size_t)lp.n_sample + 1;
-    if (!lp.n_sample)
-        return;
-    if (lp.rows == lp.room) {
-        lp.room = 2 * lp.room + 1024;
-        if (!(lp.samples = realloc(lp.samples, lp.room * width * sizeof *lp.samples)))
-            abort();
-    }
-    double *row = lp.samples + lp.rows++ * width;
-    row[0] = lp.event;
-    memcpy(row + 1, lp.sample, (width - 1) * sizeof *row);
+    if (fwrite_unlocked(numbers, sizeof *numbers, (size_t)n, lp.kept) != (size_t)n)
+        abort();
 }
 
-static void keep_trace(void)
+static void keep_nets(void)
 {
-    PLI_UINT32 *row = lp.trace + (lp.at - 1) * lp.traced;
-    for (const struct net *net = lp.net; net < lp.net + lp.n_net; row += net++->words)
-        memcpy(row, net->last, sizeof *row * (size_t)net->words);
-    for (const struct output *out = lp.output; out < lp.output + lp.n_output; row += out++->words)
-        memcpy(row, out->sent, sizeof *row * (size_t)out->words);
+    for (const struct net *net = lp.net; loop.trace && net < lp.net + lp.n_net; net++)
+        for (int w = 0; w < net->words; w++)
+            keep(&(double){net->last[w]}, 1);
 }
 
 /* ---- the analog half -------------------------------------------------------------------------------------- */
 
 static bool solve(double to)
 {
-    if ((lp.code = lp.solve(to, lp.n_edge, lp.source, lp.time, lp.level, lp.sample, lp.low, lp.high)))
-        return stop(UNSOLVED), false;
+    loop.failed = loop.solve(to, lp.n_edge, lp.source, lp.time, lp.level, lp.sample, lp.least, lp.most);
     lp.n_edge = 0, lp.now = to;
-    return true;
+    if (loop.failed)
+        loop_stop();
+    return !loop.failed;
 }
 
-static bool high(const struct output *out, int i) { return out->bits[i / 32] >> i % 32 & 1; }
+/* Begin an event at the time that the half has reached. */
+static void begin_event(tick_t tick)
+{
+    lp.event_tick = tick;
+    if (loop.samples)
+        keep(&lp.now, 1), keep(lp.sample, (int)loop.samples);
+}
 
 /* Distance of a sample from its threshold; negative on the other side than its bit says. */
-static double left(const struct output *out, int i)
-{
-    double over = lp.sample[out->first + i] - lp.above[out->first + i];
-    return high(out, i) ? over : -over;
-}
-
-static void set(struct output *out, int i, bool value)
-{
-    out->bits[i / 32] = (out->bits[i / 32] & ~(1u << i % 32)) | (PLI_UINT32)value << i % 32;
-}
-
-static bool unsent(const struct output *out) { return memcmp(out->bits, out->sent, sizeof out->bits) != 0; }
+static double left(int p) { return lp.high[p] ? lp.sample[p] - lp.above[p] : lp.above[p] - lp.sample[p]; }
 
 /* Number of comparators that the HDL has to be told of as crossings. */
 static int pending(void)
 {
     int bits = 0;
-    for (const struct output *out = lp.output; out < lp.output + lp.n_output; out++)
-        for (int w = 0; out->crossing && w < out->words; w++)
-            bits += __builtin_popcount(out->bits[w] ^ out->sent[w]);
+    for (int p = 0; p < lp.n_comparator; p++)
+        bits += lp.crossing[p] && lp.high[p] != lp.told[p];
     return bits;
 }
 
 static void tell(bool crossings)
 {
-    for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
-        if (unsent(out) && (crossings || !out->crossing)) {
-            memcpy(out->sent, out->bits, sizeof out->bits);
-            put(out->handle, out->bits, out->words);
-        }
+    for (struct output *out = lp.output; out < lp.output + lp.n_output; out++) {
+        unsigned char *high = lp.high + out->first, *told = lp.told + out->first;
+        PLI_UINT32 word[MAX_WORDS] = {0};
+        if ((out->crossing && !crossings) || !memcmp(told, high, (size_t)out->width))
+            continue;
+        memcpy(told, high, (size_t)out->width);
+        for (int i = 0; i < out->width; i++)
+            word[i / 32] |= (PLI_UINT32)high[i] << i % 32;
+        put(out->handle, word, (out->width + 31) / 32);
+    }
 }
 
-/* Time in which a distance `rest` is used up, by the parabola through the last three points; infinite if it never is. */
-static double until(double rest, double slope, double bend)
+/* Time to the crossing of a comparator, by the parabola through the last three points, by a line where the slope may have
+   changed in between; infinite if there is none. */
+static double predict(int p, bool parabola)
 {
-    double root = slope * slope - 2.0 * bend * rest;
-    double speed = root < 0.0 ? 0.0 : sqrt(root) - slope;
-    return speed > 0.0 ? 2.0 * rest / speed : HUGE_VAL;
-}
-
-/* Time to the crossing of bit i, which is `rest` away; with no parabola where the slope may have changed in between. */
-static double predict(const struct output *out, int i, double rest, bool parabola)
-{
-    int p = out->first + i;
-    double sign = high(out, i) ? 1.0 : -1.0, slope = sign * (lp.sample[p] - lp.v1[p]) / (lp.now - lp.t1), bend = 0.0;
+    double rest = left(p), sign = lp.high[p] ? 1.0 : -1.0, bend = 0.0;
+    double slope = sign * (lp.sample[p] - lp.v1[p]) / (lp.now - lp.t1);
     if (parabola) {
         bend = 2.0 * (slope - sign * (lp.v1[p] - lp.v2[p]) / (lp.t1 - lp.t2)) / (lp.now - lp.t2);
         slope += 0.5 * bend * (lp.now - lp.t1);
     }
-    double go = until(rest, slope, bend); /* short of it until the prediction is as good as LANDED_V */
+    double root = slope * slope - 2.0 * bend * rest, speed = root < 0.0 ? 0.0 : sqrt(root) - slope;
+    double go = speed > 0.0 ? 2.0 * rest / speed : HUGE_VAL; /* short of it until that is as good as LANDED_V */
     return fmax(rest < NEAR_V ? go : 0.9 * go, 32.0 * 2.22e-16 * lp.now);
 }
 
 /* Solve towards `to` and stop on the first crossing; the bits that crossed are then the new ones. */
 static bool approach(double to, bool *crossed)
 {
-    double h = lp.first_step;
-    for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
-        for (int i = 0; out->crossing && i < out->width; i++) /* a capacitor goes on with its slope after an event */
-            if (lp.clear[out->first + i] && lp.now > lp.t1)
-                h = fmin(h, predict(out, i, left(out, i), false));
+    size_t bytes = sizeof *lp.sample * (size_t)lp.n_comparator;
+    double h = lp.n_crossing ? loop.first_step_s : HUGE_VAL;
+    for (int p = 0; p < lp.n_comparator; p++) /* a capacitor goes on with its slope after an event */
+        if (lp.crossing[p] && lp.clear[p] && lp.now > lp.t1)
+            h = fmin(h, predict(p, false));
     for (int points = 1; !*crossed && lp.now < to; points++) {
         double at = lp.now + h;
         for (int e = 0; e < lp.n_edge; e++)
@@ -356,32 +353,33 @@ static bool approach(double to, bool *crossed)
         if (to - at < 1e-3 * h)
             at = to;
         lp.t2 = lp.t1, lp.t1 = lp.now;
-        memcpy(lp.v2, lp.v1, sizeof lp.v2);
-        memcpy(lp.v1, lp.sample, sizeof lp.v1);
+        memcpy(lp.v2, lp.v1, bytes);
+        memcpy(lp.v1, lp.sample, bytes);
         if (!solve(at))
             return false;
-        h = points < 3 ? lp.first_step : fmin(2.0 * fmax(h, lp.first_step), lp.step);
-        for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
-            for (int i = 0; out->crossing && i < out->width; i++) {
-                int p = out->first + i;
-                double rest = left(out, i), past = high(out, i) ? lp.above[p] - lp.low[p] : lp.high[p] - lp.above[p];
-                if (!lp.clear[p] && rest >= -CLEAR_V) {
-                    lp.clear[p] = rest > CLEAR_V;
-                    continue;
-                }
-                if (past > NEAR_V) {
-                    lp.overshoot = fmax(lp.overshoot, past);
-                    return wrong("%s: bit %d passed %.9g V by %.3g V at %.9g s: use a smaller step_s", out->name, i,
-                                 lp.above[p], past, at);
-                }
-                if (rest <= LANDED_V + 1e-15 * fabs(lp.above[p])) {
-                    lp.overshoot = fmax(lp.overshoot, past);
-                    set(out, i, !high(out, i));
-                    lp.clear[p] = false, *crossed = true;
-                    continue;
-                }
-                h = fmin(h, predict(out, i, rest, points > 1));
+        h = points < 3 ? loop.first_step_s : fmin(2.0 * fmax(h, loop.first_step_s), loop.step_s);
+        for (int p = 0; p < lp.n_comparator; p++) {
+            double rest = left(p), past = lp.high[p] ? lp.above[p] - lp.least[p] : lp.most[p] - lp.above[p];
+            if (!lp.crossing[p])
+                continue;
+            if (!lp.clear[p] && rest >= -CLEAR_V) {
+                lp.clear[p] = rest > CLEAR_V;
+                continue;
             }
+            if (past > NEAR_V || rest <= LANDED_V + 1e-15 * fabs(lp.above[p]))
+                loop.overshoot_v = fmax(loop.overshoot_v, past);
+            if (past > NEAR_V) {
+                const struct output *out = lp.output;
+                for (; out->first + out->width <= p; out++)
+                    ;
+                return wrong("%s: bit %d passed %.9g V by %.3g V at %.9g s: use a smaller step_s", out->name,
+                             p - out->first, lp.above[p], past, at);
+            }
+            if (rest <= LANDED_V + 1e-15 * fabs(lp.above[p]))
+                lp.high[p] ^= 1, lp.clear[p] = false, *crossed = true;
+            else
+                h = fmin(h, predict(p, points > 1));
+        }
     }
     return true;
 }
@@ -392,57 +390,58 @@ static PLI_INT32 on_crossing(p_cb_data data)
 {
     (void)data;
     lp.callback = NULL;
-    if (lp.state != RUNNING)
+    if (!lp.running)
         return 0;
     lp.event_tick = ticks() + lp.near;
-    lp.callback = after(lp.settle + lp.near, look, NULL); /* before the outputs: in Icarus what waits for them runs at once */
+    lp.callback = after(loop.settle + lp.near, look, NULL); /* before the outputs: in Icarus what waits for them runs at once */
     tell(true);
     return 0;
+}
+
+/* The first edge after the last event of any clock; 0 without a clock. */
+static tick_t next_edge(void)
+{
+    tick_t next = 0;
+    for (const struct clock *c = lp.clock; c < lp.clock + lp.n_clock; c++) {
+        tick_t gap = loop.both_edges ? c->half : 2 * c->half, edge = c->first;
+        if (lp.event_tick >= edge)
+            edge += ((lp.event_tick - edge) / gap + 1) * gap;
+        if (!next || edge < next)
+            next = edge;
+    }
+    return next;
 }
 
 /* Solve up to the next event, tell the Verilog what a clock edge will find, and look again after it. */
 static int proceed(void)
 {
-    tick_t tick = ticks(), next = 0;
-    for (int k = 0; k < lp.n_clock; k++) {
-        if (lp.clock[k].next <= tick)
-            return wrong("at %.9g s two clock edges are closer than the nets settle", seconds(lp.clock[k].next));
-        if (!next || lp.clock[k].next < next)
-            next = lp.clock[k].next;
-    }
-    double to = next ? seconds(next) : lp.now + lp.idle;
+    tick_t tick = ticks(), edge = next_edge(), at = edge ? edge : tick + loop.idle;
+    if (at <= tick)
+        return wrong("at %.9g s two clock edges are closer than the nets settle", seconds(at));
+    double to = seconds(at);
     bool crossed = false; /* and each turn of the loop begins at an event */
-    tick_t at = next;
-    for (int before = 0; lp.now < to || lp.n_edge;) {
-        if (!(lp.n_crossing ? approach(to, &crossed) : solve(to)))
+    for (int before = 0; lp.now < to;) {
+        if (!approach(to, &crossed))
             return 0;
         if (!crossed)
             break;
-        at = lp.origin + (tick_t)ceil(lp.now / lp.base * (double)lp.base_ticks - 1e-6);
-        if (at <= tick)
-            at = tick + 1;
-        if (!next || at + lp.settle + 1 < next)
+        at = tick_from(lp.now) > tick ? tick_from(lp.now) : tick + 1;
+        if (!edge || at + loop.settle + 1 < edge)
             break;
-        crossed = false, at = next; /* so near the clock edge that it belongs to it */
+        crossed = false, at = edge; /* so near the clock edge that it belongs to it */
         if (pending() <= before)
             return wrong("a comparator crossed twice within settle_s before the clock edge at %.9g s", to);
         before = pending();
     }
-    for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
-        for (int i = 0; !out->crossing && !crossed && i < out->width; i++)
-            set(out, i, lp.sample[out->first + i] > lp.above[out->first + i]);
-    if (!next && !crossed)
-        at = lp.origin + (tick_t)floor(lp.now / lp.base * (double)lp.base_ticks);
-    lp.event_tick = at, lp.event = lp.now, lp.landed = crossed;
-    for (int k = 0; !crossed && k < lp.n_clock; k++)
-        if (lp.clock[k].next == at)
-            lp.clock[k].next += lp.clock[k].period;
-    keep();
-    lp.near = next && !crossed && pending();
+    for (int p = 0; p < lp.n_comparator; p++)
+        if (!lp.crossing[p] && !crossed)
+            lp.high[p] = lp.sample[p] > lp.above[p];
+    begin_event(at);
+    lp.near = edge && !crossed && pending();
     if (crossed || lp.near)
         lp.callback = after(at - tick - lp.near, on_crossing, NULL);
     else
-        lp.callback = after(at - tick + lp.settle, look, NULL);
+        lp.callback = after(at - tick + loop.settle, look, NULL);
     if (!crossed)
         tell(false);
     return 0;
@@ -455,8 +454,8 @@ static bool ours(const struct output *out)
     vpi_get_value(out->handle, &value);
     for (int i = 0; i < out->width; i++) {
         const s_vpi_vecval *word = &value.value.vector[i / 32];
-        if ((((PLI_UINT32)word->aval ^ out->sent[i / 32]) | (PLI_UINT32)word->bval) >> i % 32 & 1)
-            return wrong("%s is not as the circuit set it at %.9g s: something else drives it", out->name, lp.event);
+        if (word->bval >> i % 32 & 1 || (word->aval >> i % 32 & 1) != lp.told[out->first + i])
+            return wrong("%s is not as the circuit set it at %.9g s: something else drives it", out->name, lp.now);
     }
     return true;
 }
@@ -465,15 +464,15 @@ static PLI_INT32 look(p_cb_data data)
 {
     (void)data;
     lp.callback = NULL;
-    if (lp.state != RUNNING)
+    if (!lp.running)
         return 0;
-    for (const struct output *out = lp.output; !lp.end && out < lp.output + lp.n_output; out++) /* the chip's are its inputs */
+    for (const struct output *out = lp.output; !loop.end && out < lp.output + lp.n_output; out++) /* the chip's are its inputs */
         if (!ours(out))
             return 0;
     for (struct net *net = lp.net; net < lp.net + lp.n_net; net++) {
         if (net->kind == REAL && !net->moved) { /* Verilator 5.49 does not call back for a real net */
             read_net(net);
-            net->moved = net->real != net->last_real, net->tick = lp.event_tick;
+            net->moved = memcmp(net->value, net->last, sizeof net->last) != 0, net->tick = lp.event_tick;
         }
         if (net->moved) {
             if (!commit(net))
@@ -483,190 +482,102 @@ static PLI_INT32 look(p_cb_data data)
         }
     }
     if (lp.n_edge == MAX_EDGES)
-        return wrong("more than %d edges at %.9g s", MAX_EDGES - 1, lp.event);
-    lp.at += !lp.landed;
-    if (lp.traced)
-        keep_trace();
-    return lp.end && lp.at == lp.end ? stop(ENDED) : proceed();
+        return wrong("more than %d edges at %.9g s", MAX_EDGES - 1, lp.now);
+    keep_nets();
+    if (++lp.events == loop.end)
+        loop_stop();
+    else
+        proceed();
+    return 0;
 }
 
 /* ---- the interface ---------------------------------------------------------------------------------------- */
 
-int loop_state(void) { return lp.state; }
-int loop_code(void) { return lp.code; }
-long loop_clocks(void) { return lp.at; }
-double loop_overshoot(void) { return lp.overshoot; }
-const char *loop_text(void) { return lp.text; }
-size_t loop_rows(void) { return lp.rows; }
-const double *loop_samples(void) { return lp.samples; }
-const PLI_UINT32 *loop_trace(void) { return lp.trace; }
 double loop_unit(void) { return pow(10.0, vpi_get(vpiTimePrecision, NULL)); }
-void loop_stop(void) { stop(IDLE); }
 
-/* Forget all nets. */
+/* Forget all nets and clocks, and a failure. */
 void loop_clear(void)
 {
-    stop(IDLE);
-    lp.n_net = lp.n_output = lp.n_clock = lp.n_crossing = 0;
+    loop_stop();
+    for (int k = 0; k < lp.n_clock; k++)
+        forget(&lp.clock[k].callback);
+    lp.n_net = lp.n_source = lp.n_output = lp.n_comparator = lp.n_crossing = lp.n_clock = loop.failed = 0;
 }
 
-int loop_net(const char *name, int kind, int source, double low, double high, const char *copy)
+void loop_net(const char *name, int kind, int width, double low, double high, const char *copy)
 {
-    if (lp.n_net == MAX_NETS)
-        return wrong("%s: more than %d nets", name, MAX_NETS), -1;
-    struct net *net = &lp.net[lp.n_net];
-    memset(net, 0, sizeof *net);
-    if (!(net->handle = handle_of(name)) || (copy && !(net->copy = handle_of(copy))))
-        return -1;
+    struct net *net = &lp.net[lp.n_net++];
+    *net = (struct net){.handle = handle_of(name), .copy = copy ? handle_of(copy) : NULL, .kind = (enum kind)kind,
+                        .words = (width + 31) / 32, .source = lp.n_source, .low = low, .high = high};
     snprintf(net->name, sizeof net->name, "%s", name);
-    net->words = kind == REAL ? 0 : words_of(net->handle);
-    net->kind = (enum kind)kind, net->source = source, net->low = low, net->high = high;
-    if (net->words > MAX_WORDS)
-        return wrong("%s has more than %d bits", name, 32 * MAX_WORDS), -1;
-    lp.n_net++;
-    return 0;
+    lp.n_source += kind == BITS ? width : 1;
 }
 
-/* Bit i is high while sample first + i is above above[i]. */
-int loop_output(const char *name, int first, int width, const double *above, int crossing)
+/* Bit i is high while the sample after those of earlier outputs is above above[i]. */
+void loop_output(const char *name, int width, const double *above, int crossing)
 {
-    if (lp.n_output == MAX_NETS)
-        return wrong("%s: more than %d nets", name, MAX_NETS), -1;
-    struct output *out = &lp.output[lp.n_output];
-    memset(out, 0, sizeof *out);
-    if (!(out->handle = handle_of(name)))
-        return -1;
+    struct output *out = &lp.output[lp.n_output++];
+    *out = (struct output){.handle = handle_of(name), .first = lp.n_comparator, .width = width, .crossing = crossing};
     snprintf(out->name, sizeof out->name, "%s", name);
-    out->first = first, out->width = width, out->words = words_of(out->handle), out->crossing = crossing != 0;
-    if (vpi_get(vpiSize, out->handle) != width || out->words > MAX_WORDS)
-        return wrong("%s has %d bits, not %d", name, vpi_get(vpiSize, out->handle), width), -1;
-    memcpy(lp.above + first, above, sizeof *above * (size_t)width);
-    lp.n_output++, lp.n_crossing += crossing != 0;
-    return 0;
+    for (int i = 0; i < width; i++, lp.n_comparator++)
+        lp.above[lp.n_comparator] = above[i], lp.crossing[lp.n_comparator] = crossing, lp.n_crossing += crossing;
 }
 
-/* Its first edge is `first` units after the beginning. */
-int loop_clock(long long first, long long period)
-{
-    if (lp.n_clock == MAX_CLOCKS)
-        return wrong("more than %d clocks", MAX_CLOCKS), -1;
-    lp.clock[lp.n_clock].first = (tick_t)first, lp.clock[lp.n_clock++].period = (tick_t)period;
-    return 0;
-}
-
-/* Levels of the nets as they are: a value for each source in `level`. */
-int loop_levels(double *level)
-{
-    for (struct net *net = lp.net; net < lp.net + lp.n_net; net++) {
-        read_net(net);
-        if (!known(net))
-            return -1;
-        if (net->kind != BITS)
-            level[net->source] = number(net);
-        for (int i = 0, width = net->kind == BITS ? vpi_get(vpiSize, net->handle) : 0; i < width; i++)
-            level[net->source + i] = net->value[i / 32] >> i % 32 & 1 ? net->high : net->low;
-    }
-    return 0;
-}
-
-/* Begin now, where the nets are as at time 0 of the half, which is `before` units ago; clocks begin `before` ago as well.
-   `ticks` units last `base` seconds. End after `end` clock edges, 0: never. Steps towards a crossing begin with
-   first_step and are never over `step`; without a clock the HDL is met every `idle` seconds. */
-int loop_arm(solve_t *half, double base, long long ticks_of_base, long long before, long long settle, long end, double step,
-             double first_step, double idle, int samples, int trace)
+/* Begin now, where the nets are as at time 0 of the half. */
+void loop_arm(void)
 {
     static s_vpi_time never = {.type = vpiSuppressTime};
     static s_vpi_value none = {.format = vpiSuppressVal};
-    stop(IDLE);
-    lp.solve = half, lp.base = base, lp.base_ticks = (tick_t)ticks_of_base, lp.settle = (tick_t)settle;
-    lp.origin = lp.event_tick = ticks() - (tick_t)before;
-    lp.at = 0, lp.end = end, lp.step = step, lp.first_step = first_step, lp.idle = idle;
-    lp.now = lp.event = lp.overshoot = lp.t1 = lp.t2 = 0.0;
-    lp.landed = lp.near = false;
-    lp.n_edge = 0, lp.rows = lp.room = 0;
-    lp.n_sample = samples, lp.traced = 0;
-    free(lp.samples);
-    lp.samples = NULL;
+    loop_stop();
+    if (lp.kept)
+        fclose(lp.kept), free(loop.kept);
+    lp.kept = open_memstream(&loop.kept, &loop.kept_bytes);
+    loop.failed = 0, loop.overshoot_v = 0.0;
+    lp.origin = ticks() - loop.before;
+    lp.events = lp.n_edge = lp.near = 0;
+    lp.now = lp.t1 = lp.t2 = 0.0;
+    memset(lp.told, 2, sizeof lp.told);
     for (struct net *net = lp.net; net < lp.net + lp.n_net; net++) {
         s_cb_data moves = {.reason = cbValueChange, .cb_rtn = on_change, .obj = net->handle, .time = &never, .value = &none,
                            .user_data = (PLI_BYTE8 *)net};
         read_net(net);
         if (!known(net))
-            return -1;
+            return;
         memcpy(net->last, net->value, sizeof net->last);
-        net->last_real = net->real;
         net->moved = false;
         net->callback = vpi_register_cb(&moves);
-        lp.traced += trace ? net->words : 0;
     }
-    for (struct output *out = lp.output; out < lp.output + lp.n_output; out++) {
-        lp.traced += trace ? out->words : 0;
-        memset(out->sent, 0xff, sizeof out->sent); /* is told in any case */
-        memset(out->bits, 0, sizeof out->bits);
-    }
-    if (!(lp.trace = realloc(lp.trace, sizeof *lp.trace * (size_t)(end * lp.traced + 1))))
-        abort();
-    for (int k = 0; k < lp.n_clock; k++)
-        lp.clock[k].next = lp.origin + lp.clock[k].first;
-    lp.state = RUNNING;
+    lp.running = true;
     if (!solve(0.0))
-        return -1;
-    keep();
-    for (struct output *out = lp.output; out < lp.output + lp.n_output; out++)
-        for (int i = 0; i < out->width; i++) {
-            set(out, i, lp.sample[out->first + i] > lp.above[out->first + i]);
-            lp.clear[out->first + i] = left(out, i) > CLEAR_V;
-        }
-    if (lp.n_crossing) { /* the HDL hears of the comparators at once, as of a crossing */
-        lp.event_tick = ticks(), lp.landed = true;
+        return;
+    begin_event(lp.n_crossing ? ticks() : lp.origin);
+    keep_nets();
+    for (int p = 0; p < lp.n_comparator; p++) {
+        lp.high[p] = lp.sample[p] > lp.above[p];
+        lp.clear[p] = left(p) > CLEAR_V;
+    }
+    if (lp.n_crossing) /* the HDL hears of the comparators at once, as of a crossing */
         on_crossing(NULL);
-    } else
+    else
         proceed();
-    return lp.state == RUNNING ? 0 : -1;
 }
 
 /* ---- clocks ----------------------------------------------------------------------------------------------- */
 
-/* cocotb's own clock writes with inertial delay, for which Verilator evaluates the model once more at every edge */
-static struct driver {
-    vpiHandle handle, callback;
-    tick_t half;
-    PLI_UINT32 level;
-} driver[MAX_CLOCKS];
-
 static PLI_INT32 toggle(p_cb_data data)
 {
-    struct driver *d = (struct driver *)data->user_data;
-    d->callback = after(d->half, toggle, d);
-    d->level ^= 1;
-    put(d->handle, &d->level, 1); /* last: in Icarus what waits for the edge runs at once, and may stop the clock */
+    struct clock *c = (struct clock *)data->user_data;
+    c->callback = after(c->half, toggle, c);
+    c->level ^= 1;
+    put(c->handle, &c->level, 1); /* last: in Icarus what waits for the edge runs at once, and may stop the clock */
     return 0;
 }
 
-/* Drive a clock that is low: high after `half` units, and so on. Returns its index, or -1. */
-int loop_drive(const char *name, long long half)
+/* Drive a clock that is low: high after `half` units, and so on. cocotb's own clock writes with inertial delay, for which
+   Verilator evaluates the model once more at every edge. */
+void loop_clock(const char *name, tick_t half)
 {
-    for (struct driver *d = driver; d < driver + MAX_CLOCKS; d++)
-        if (!d->callback) {
-            if (!(d->handle = handle_of(name)))
-                return -1;
-            d->half = (tick_t)half, d->level = 0, d->callback = after(d->half, toggle, d);
-            return (int)(d - driver);
-        }
-    return wrong("more than %d clocks", MAX_CLOCKS), -1;
-}
-
-void loop_release(int index) { forget(&driver[index].callback); }
-
-/* The half alone, without an HDL simulator: in clock i come the edges first[i] up to first[i + 1] of a record. */
-int loop_replay(solve_t *half, double period, long clocks, const int *first, const int *source, const double *time,
-                const double *level)
-{
-    for (long i = 0; i < clocks; i++) {
-        int failed = half((double)(i + 1) * period, first[i + 1] - first[i], source + first[i], time + first[i], level + first[i],
-                          lp.sample, lp.low, lp.high);
-        if (failed)
-            return failed;
-    }
-    return 0;
+    struct clock *c = &lp.clock[lp.n_clock++];
+    *c = (struct clock){.handle = handle_of(name), .half = half, .first = ticks() + half};
+    c->callback = c->handle ? after(half, toggle, c) : NULL;
 }

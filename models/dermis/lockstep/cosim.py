@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dermis.errors import InputError
 from dermis.lockstep import netlist_faults
-from dermis.lockstep.clock_loop import ClockLoop, DrivenClock, Net, Output, Timebase, unit_s
+from dermis.lockstep.clock_loop import ClockLoop, width
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
 RESET_CLOCKS = 3
@@ -164,39 +164,41 @@ class Cosim:
         from cocotb.triggers import Timer
 
         with ExitStack() as at_end:
-            loop, half, time = await self._ready(dut, at_end)
+            loop, half, times, longest = await self._ready(dut, at_end)
 
             async def watch() -> None:
-                longest = max((p for _, p in time.clocks), default=math.ceil(time.step_s / time.base_s))
                 while True:
                     await Timer(256 * longest, unit="step")
                     loop.require()
 
-            loop.arm(half, time, samples=len(self._nodes))
+            loop.arm(half, **times, samples=len(self._nodes))
             try:
                 at_end.callback(cocotb.start_soon(watch()).cancel)
                 yield self
+                loop.require()
             except CancelledError:
                 raise
             except BaseException:
                 loop.require()  # the cause of whatever failed in the block
                 raise
-            else:
-                loop.require()
             finally:
                 self.times, table = loop.samples()
                 self.samples = dict(zip(self._nodes, table.T, strict=True))
                 self.overshoot_v = loop.overshoot_v
 
-    async def _ready(self, dut: Any, at_end: ExitStack) -> tuple[ClockLoop, NgspiceHalf, Timebase]:
-        """Start the clocks, reset the Verilog and load the circuit; `at_end` takes all back."""
+    async def _ready(self, dut: Any, at_end: ExitStack) -> tuple[ClockLoop, NgspiceHalf, dict[str, Any], int]:
+        """Start the clocks, reset the Verilog and load the circuit; `at_end` takes all back.
+
+        Return loop, circuit, times for `ClockLoop.arm`, and the longest period, or step, in units of time.
+        """
         import cocotb
         from cocotb.triggers import Timer
 
         handles = {net: self._handle(dut, net) for net in (*self._inputs, *self._outputs, *self._clocks)}
-        nets, sources = self._nets(handles)
-        loop = ClockLoop(nets, self._output_nets(handles))
-        unit = unit_s()
+        loop = ClockLoop()
+        at_end.callback(loop.close)
+        self._connect(loop, handles)
+        unit = loop.unit_s
         periods = {net: 2 * round(0.5 * period / unit) for net, period in self._clocks.items()}
         for net, units in periods.items():
             exact = self._clocks[net] / unit
@@ -205,11 +207,9 @@ class Cosim:
                 allowed = f"an even multiple of the simulator's unit of time, {unit:g} s"
                 raise self._wrong(f"clock {net}", self._clocks[net], allowed)
         between = [units // 2 if self._both_edges else units for units in periods.values()]
-        for net in self._outputs:
-            handles[net].value = 0
         began = cocotb.utils.get_sim_time("step")
         for net, units in periods.items():
-            at_end.callback(DrivenClock(handles[net], units // 2).stop)
+            loop.clock(handles[net], units // 2)
         longest = max(periods.values(), default=math.ceil(self._step_s / unit))
         if self._reset is not None:
             reset = self._handle(dut, self._reset.net)
@@ -230,19 +230,17 @@ class Cosim:
             if all(settle <= past < gap - ahead for past, gap in zip(passed, between, strict=True)):
                 break
             await Timer(1, unit="step")
-        first = [gap - past for gap, past in zip(between, passed, strict=True)]
-        base, base_s = 1, unit
-        if len(periods) == 1:
-            ((net, base),) = periods.items()
-            base_s = self._clocks[net]
-        clocks = tuple(zip(first, between, strict=True))
-        first_step_s = 0.125 * min((d.edge_s for d in self._inputs.values()), default=self._step_s)
-        steps_s = self._step_s, first_step_s, IDLE_STEPS * self._step_s
-        time = Timebase(0, base_s, base, settle, clocks, *steps_s)
-        half = self._circuit(loop.levels(len(sources)), sources)
+        one = len(periods) == 1  # which may have any period
+        times = {"base": longest if one else 1, "base_s": max(self._clocks.values()) if one else unit}
+        times |= {"settle": settle, "both_edges": self._both_edges, "step_s": self._step_s}
+        times |= {
+            "first_step_s": 0.125 * min((d.edge_s for d in self._inputs.values()), default=self._step_s)
+        }
+        times |= {"idle": math.ceil(IDLE_STEPS * self._step_s / unit)}
+        half = self._circuit(loop.levels())
         at_end.callback(half.close)
         at_end.callback(loop.stop)
-        return loop, half, time
+        return loop, half, times, longest
 
     def _handle(self, dut: Any, net: str) -> Any:
         top, *names = net.split(".")
@@ -253,42 +251,42 @@ class Cosim:
             raise self._wrong("net", net, f"dut.NAME, a net of {dut._name}")
         return handle
 
-    def _nets(self, handles: Mapping[str, Any]) -> tuple[list[Net], list[tuple[str, Drive]]]:
-        """Return the nets, and each source with its drive, in the order of their numbers."""
-        nets: list[Net] = []
-        sources: list[tuple[str, Drive]] = []
+    def _connect(self, loop: ClockLoop, handles: Mapping[str, Any]) -> None:
+        """Give the loop all nets but clocks; sources and samples are in the order of inputs and outputs."""
+        taken: set[str] = set()
         for name, drive in self._inputs.items():
-            handle = handles[name]
-            own = (drive.source,) if isinstance(drive.source, str) else tuple(drive.source)
-            real = isinstance(handle.value, float)
-            width = 0 if real else len(handle) if hasattr(handle, "__len__") else 1
-            kind = "real" if real else "code" if isinstance(drive.source, str) and width > 1 else "bits"
-            if kind == "bits" and len(own) != width:
-                raise self._wrong(name, own, f"one source, or {width}")
-            nets.append(Net(handle._path, len(sources), drive.low, drive.high, kind))
+            handle, own = handles[name], _sources(drive)
+            real, bits = isinstance(handle.value, float), width(handle)
+            code = isinstance(drive.source, str) and bits > 1
+            if len(own) != bits and not (real or code):
+                raise self._wrong(name, own, f"one source, or {bits}")
+            loop.net(handle, drive.low, drive.high, code)
             for source in own:
-                if source.lower() in (taken.lower() for taken, _ in sources):
+                if source.lower() in taken:
                     raise self._wrong(name, source, "a source that no other bit drives")
-                sources.append((source, drive))
-        return nets, sources
+                taken.add(source.lower())
+        for name, compared in self._outputs.items():
+            handle = handles[name]
+            if isinstance(handle.value, float) or width(handle) != len(compared):
+                raise self._wrong(
+                    name, f"{len(compared)} bits", "a Compare for each bit of a net that is not real"
+                )
+            crossing = compared[0].crossing or not self._clocks
+            loop.output(handle, [bit.above for bit in compared], crossing)
+            handle.value = 0
 
-    def _output_nets(self, handles: Mapping[str, Any]) -> list[Output]:
-        nets, first = [], 0
-        for name, bits in self._outputs.items():
-            crossing = bits[0].crossing or not self._clocks
-            if isinstance(handles[name].value, float):
-                raise self._wrong(name, "a real net", "a net of bits, one for each Compare")
-            nets.append(Output(handles[name]._path, first, tuple(bit.above for bit in bits), crossing))
-            first += len(bits)
-        return nets
-
-    def _circuit(self, levels: Sequence[float], sources: Sequence[tuple[str, Drive]]) -> NgspiceHalf:
-        edges_s = tuple(drive.edge_s for _, drive in sources)
-        names, abrupt = tuple(name for name, _ in sources), tuple(drive.abrupt for _, drive in sources)
+    def _circuit(self, levels: Sequence[float]) -> NgspiceHalf:
+        drives = [(source, drive) for drive in self._inputs.values() for source in _sources(drive)]
+        edges_s = tuple(drive.edge_s for _, drive in drives)
+        names, abrupt = tuple(name for name, _ in drives), tuple(drive.abrupt for _, drive in drives)
         circuit = tuple(self._lines), names, tuple(levels), abrupt, tuple(self._nodes)
         deck = Deck(*circuit, edges_s=edges_s, breaks=netlist_faults.breaks(self._lines))
         shortest = min(edges_s, default=self._step_s)
         return NgspiceHalf(deck, t_edge_s=shortest, t_max_step_s=self._step_s, t_stop_s=END_S, log=self._log)
+
+
+def _sources(drive: Drive) -> tuple[str, ...]:
+    return (drive.source,) if isinstance(drive.source, str) else tuple(drive.source)
 
 
 def _with_paths(text: str, folder: Path) -> str:

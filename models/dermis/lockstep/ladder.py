@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Retries after ngspice gives up a circuit: an ordered ladder, each attempt reported, then advice.
 
-There are two ladders. If no operating point is found, the next method to *start* is tried; if a
-transient stops, the next method to *step*. ngspice switches nothing on by itself: its gmin stepping,
-source stepping and hidden transient are rungs here, so that a result names its method.
-docs/ladder.md has the table and shows a circuit for every rung.
+If no operating point is found, the next method to *start* is tried; if a transient stops, the next
+method to *step*. docs/ladder.md has the table, the reasons and a circuit for every rung.
 """
 
 from __future__ import annotations
@@ -21,14 +19,6 @@ from dermis.errors import SimulatorError
 
 T = TypeVar("T")
 Phase = Literal["start", "steps"]
-
-C_NODE_F = 1e-16
-"""Rung `capacitance`: 0.1 fF from every node to ground. A node that swings a volt moves 1e-16 C, 2e-5 of the packet of
-5 pC, and gives it back when it returns; the smallest packet for which that is 1e-3 of a count is 0.1 pC."""
-
-T_RAMP_S = 1e-5
-"""Rung `ramp`: the supplies rise in this time and rest for nine times as long, in steps of a hundredth of it. Its
-length decides how good a guess is, not how good a result is: Newton's method confirms it."""
 
 
 @dataclass(frozen=True)
@@ -50,19 +40,23 @@ class Rung:
 
 
 # optran: Newton first (or not), gmin steps, source steps, step, length and supply ramp of a hidden transient (0: none).
-_RAMP = f"optran 0 0 0 {0.01 * T_RAMP_S:g} {10 * T_RAMP_S:g} {T_RAMP_S:g}"
 START = (
     Rung("newton", optran="optran 1 0 0 0 0 0"),
     Rung("gmin_stepping", optran="optran 1 1 0 0 0 0"),
     Rung("source_stepping", optran="optran 1 0 1 0 0 0"),
-    Rung("ramp", optran=_RAMP, guess=True),
+    Rung(
+        "ramp", optran="optran 0 0 0 1e-07 0.0001 1e-05", guess=True
+    ),  # supplies rise in 10 us and rest for 90 us
 )
 """Ways to an operating point, in the order in which they are tried."""
 
 # Truncation control stays as the deck has it. A deck without a pole has it off (netlist.py): switched on, it looks at
 # the node capacitors too, to reltol 1e-6 of chgtol, 1e-20 C, and no step passes an edge of an ideal comparator.
-_NODES = f"cshunt={C_NODE_F:g}"
-STEPS = (Rung("plain"), Rung("capacitance", _NODES), Rung("gear", f"{_NODES} method=gear maxord=2"))
+STEPS = (
+    Rung("plain"),
+    Rung("capacitance", "cshunt=1e-16"),
+    Rung("gear", "cshunt=1e-16 method=gear maxord=2"),
+)
 """Ways to step, in the order of trials; none loosens a tolerance (docs/ladder.md)."""
 
 

@@ -11,6 +11,7 @@
  * straight lines, which trapezoidal integration of a capacitor follows without error.
  */
 #include <math.h>
+#include <stdarg.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -23,100 +24,89 @@
 
 #define STACK_BYTES (64u << 20) /* ngspice's parser recurses deeply on large decks; pages are only touched when used */
 #define MAX_SOURCES 1024 /* a 256 x 256 array has 513 */
-#define MAX_CORNERS (2 * MAX_SOURCES + 8)
-#define TEXT_BYTES 4096
 
-/* ABORTED: ngspice gave the transient up and has returned; FAILED: the circuit cannot go on, but there may be another */
-enum state { CLOSED, READY, RUNNING, ENDED, ABORTED, FAILED };
+/* What `lockstep_open` takes, and from t_now and started on what it tells; ngspice.py has the same fields. It stays until
+   the next one. t_edges: how long edges of each source last. late: of each probe. abrupt: an edge switches a conductance:
+   integration restarts with backward Euler behind it. growth: largest step in the time since the last corner; a tenth of
+   t_edge is always allowed; 0: no such limit. own_steps: no step is longer than ngspice asks for: Gear's formula
+   integrates, or ngspice has other breakpoints. said: all text from ngspice. record: rows of a time and all probes. */
+struct circuit {
+    const char *log_path, **source_names, **probe_names;
+    const double *levels, *t_edges, *late;
+    const int *abrupt;
+    double t_edge, t_max_step, t_stop, growth, t_now;
+    int n_source, n_probe, recording, use_ic, own_steps;
 
-struct source {
-    char name[64];
-    const char *key;    /* the name in ngspice */
-    int next;           /* the source that it asked for after this one */
-    double from, to, t; /* level before and after the edge that starts at t */
-    double t_edge;      /* how long its edges last */
-    bool asked;         /* ngspice has it as an external source */
-    bool abrupt;        /* its edge switches a conductance: integration restarts with backward Euler behind it */
+    int started; /* the operating point stands: what ngspice says of time is time of the transient */
+    long accepted, rejected, loads;
+    char *said, *record;
+    size_t said_bytes, record_bytes;
+    char error[256];
 };
 
+/* FAILED: the circuit cannot go on, but there may be another */
+enum state { CLOSED, READY, RUNNING, ENDED, FAILED };
+
+struct source {
+    const char *key;    /* the name in ngspice */
+    int next;           /* the source that it asked for after this one */
+    double from, to, t, t_edge; /* level before and after the edge that starts at t and lasts t_edge */
+    bool asked;         /* ngspice has it as an external source */
+};
+
+static struct circuit *of;
 static struct lockstep {
     enum state state;
-    ucontext_t caller, runner;
-    void *stack;
-    char command[256];
+    FILE *log, *said, *record;
 
     struct source source[MAX_SOURCES];
-    int n_source, last; /* that ngspice asked for */
+    int last; /* that ngspice asked for */
 
-    char probe_name[MAX_SOURCES][64];
-    int probe_vector[MAX_SOURCES], n_probe;
-    double probe[MAX_SOURCES];
-    double low[MAX_SOURCES], high[MAX_SOURCES]; /* of each probe since the last advance began */
-    double late[MAX_SOURCES], delay[MAX_SOURCES]; /* by probe, and the different ones of these, longest first */
-    int n_delay;
+    int vector[MAX_SOURCES]; /* of each probe, in ngspice */
+    double probe[MAX_SOURCES], *low, *high; /* and their extremes since the last advance began */
 
-    double corner[MAX_CORNERS]; /* ascending; times at which some source changes its slope */
-    int n_corner;
-
-    bool started; /* the operating point stands: what ngspice says of time is time of the transient */
     bool sampled; /* the probes have had a value; with initial conditions there is none at time 0 */
-    bool loading, refused; /* the deck is being read, and ngspice found an error in it, which its return code does not say */
-    bool own_steps; /* no step is longer than ngspice asks for: Gear's formula integrates, or ngspice has other breakpoints */
     bool poisoned; /* sources are NaN, so that ngspice gives up */
     bool waiting;  /* ngspice is in a transient and its caller has control */
-    bool gone;     /* ngspice wished to end the process, and takes no other circuit */
 
-    double t_now, t_data, t_asked, t_target, t_max_step, t_stop;
-    double t_edge, t_corner; /* of an abrupt source; time of the last corner of a source */
-    double growth;           /* largest step in the time since t_corner; a tenth of t_edge is always allowed; 0: no such limit */
+    double t_asked, t_target, t_corner; /* time of the last corner of a source */
 
     /* the step that was accepted last time, by what it follows: a sample without an edge, a ramp start, a ramp end */
     double remembered[3];
     enum { AFTER_SAMPLE, AT_RAMP, AFTER_RAMP } kind;
     bool first_of_kind;
     bool met, ramp_begins; /* the caller was met at this time point, and began an edge there */
-
-    double *record;
-    size_t record_rows, record_room;
-    bool recording;
-
-    long accepted, rejected, loads;
-    FILE *log;
-    char error[TEXT_BYTES];
-    char trouble[TEXT_BYTES]; /* the last lines in which ngspice complained */
 } ls;
+static ucontext_t caller, runner;
+static bool gone; /* ngspice wished to end the process, and takes no other circuit */
 
-/* ---- text from ngspice ------------------------------------------------------------------------------------ */
+/* ---- failures and text from ngspice ----------------------------------------------------------------------- */
+
+/* The first one is told. */
+static int fail(const char *format, ...)
+{
+    va_list values;
+    va_start(values, format);
+    if (ls.state != FAILED)
+        vsnprintf(of->error, sizeof of->error, format, values);
+    va_end(values);
+    ls.state = FAILED;
+    return -1;
+}
 
 static int on_char(char *text, int id, void *user)
 {
     (void)id, (void)user;
-    if (ls.log)
-        fprintf(ls.log, "%s\n", text);
-    const char *said = strncmp(text, "stderr ", 7) ? text : text + 7;
-    if (ls.loading && said != text && !strncmp(said, "Error", 5))
-        ls.refused = true; /* and what follows says why */
-    static const char *const words[] = {"error", "trouble", "too small", "singular", "aborted", "no convergence",
-                                        "iteration limit", "undefined"};
-    bool trouble = ls.loading && ls.refused && said != text;
-    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
-        trouble = trouble || strcasestr(said, words[i]);
-    size_t used = strlen(ls.trouble);
-    if (trouble && !strstr(ls.trouble, said))
-        snprintf(ls.trouble + used, TEXT_BYTES - used, "%s%s", used ? "; " : "", said);
-    return 0;
+    fprintf(ls.log, "%s\n", text);
+    fprintf(ls.said, "%s\n", text);
+    return fflush(ls.said);
 }
 
 static int on_exit_wish(int status, NG_BOOL immediate, NG_BOOL quit, int id, void *user)
 {
     (void)immediate, (void)quit, (void)id, (void)user;
-    size_t used = strlen(ls.trouble);
-    snprintf(ls.trouble + used, TEXT_BYTES - used, "%sngspice gave up (status %d)", used ? "; " : "", status);
-    ls.state = FAILED;
-    ls.gone = true;
-    if (ls.log)
-        fflush(ls.log);
-    return 0;
+    gone = true;
+    return fail("ngspice gave up (status %d)", status);
 }
 
 /* ---- sources ---------------------------------------------------------------------------------------------- */
@@ -126,9 +116,9 @@ static int source_index(const char *name)
 {
     int i = ls.source[ls.last].next;
     if (ls.source[i].key != name) {
-        for (i = 0; i < ls.n_source && strcasecmp(ls.source[i].name, name); i++)
+        for (i = 0; i < of->n_source && strcasecmp(of->source_names[i], name); i++)
             ;
-        if (i == ls.n_source)
+        if (i == of->n_source)
             return -1;
         ls.source[ls.last].next = i, ls.source[i].key = name;
     }
@@ -148,21 +138,17 @@ static int on_source(double *value, double t, char *name, int id, void *user)
 {
     (void)id, (void)user;
     int i = source_index(name);
-    if (i < 0) { /* nobody would ever drive it */
-        snprintf(ls.trouble, TEXT_BYTES, "the deck has an external source %.60s that was not announced", name);
-        ls.state = FAILED;
-    }
-    /* the hidden transient by which ngspice may look for an operating point has a time of its own */
-    *value = i < 0 ? 0.0 : level(&ls.source[i], ls.started ? t : 0.0);
-    if (i >= 0)
+    if (i < 0) /* nobody would ever drive it */
+        fail("the deck has an external source %.60s that was not announced", name);
+    else
         ls.source[i].asked = true;
-    if (!isfinite(*value)) {
-        snprintf(ls.trouble, TEXT_BYTES, "source %.60s is %g at %g s", name, *value, t);
-        ls.state = FAILED;
-    }
+    /* the hidden transient by which ngspice may look for an operating point has a time of its own */
+    *value = i < 0 ? 0.0 : level(&ls.source[i], of->started ? t : 0.0);
+    if (!isfinite(*value))
+        fail("source %.60s is %g at %g s", name, *value, t);
     if (ls.poisoned || ls.state == FAILED) /* it would go on to its end alone */
         *value = NAN;
-    ls.loads++;
+    of->loads += i == 0; /* it asks for all alike */
     return 0;
 }
 
@@ -172,30 +158,21 @@ static int on_source(double *value, double t, char *name, int id, void *user)
 static double ulps(double t) { return 8.0 * 2.220446049250313e-16 * fmax(fabs(t), 1e-12); }
 
 /* Times this close are one: a step between them would be near ngspice's smallest, 1e-11 of the largest. */
-static double tiny(void) { return 1e-10 * ls.t_max_step; }
+static double tiny(void) { return 1e-10 * of->t_max_step; }
 
-static void add_corner(double t)
+/* The first time after t at which a source begins or ends its edge, and if one does at t. No step goes beyond such a time. */
+static double next_corner(double t, bool *landed)
 {
-    int i = ls.n_corner;
-    while (i > 0 && ls.corner[i - 1] > t)
-        i--;
-    if (i > 0 && fabs(ls.corner[i - 1] - t) <= ulps(t))
-        return;
-    memmove(ls.corner + i + 1, ls.corner + i, (size_t)(ls.n_corner - i) * sizeof *ls.corner);
-    ls.corner[i] = t;
-    ls.n_corner++;
-}
-
-static bool drop_corners_until(double t)
-{
-    int n = 0;
-    while (n < ls.n_corner && ls.corner[n] <= t + ulps(t))
-        n++;
-    if (n) {
-        memmove(ls.corner, ls.corner + n, (size_t)(ls.n_corner - n) * sizeof *ls.corner);
-        ls.n_corner -= n;
-    }
-    return n > 0;
+    double next = HUGE_VAL;
+    for (const struct source *s = ls.source; s < ls.source + of->n_source; s++)
+        for (int end = 0; end < 2; end++) {
+            double corner = end ? s->t + s->t_edge : s->t;
+            if (corner > t + ulps(t))
+                next = fmin(next, corner);
+            else if (corner >= t - ulps(t))
+                *landed = true;
+        }
+    return next;
 }
 
 /* Hand over to the caller if a time point stands at the time it asked for, and learn its next edges.
@@ -206,18 +183,17 @@ static bool drop_corners_until(double t)
    switch would go on in the trapezoidal rule with alternating sign for ever. */
 static void meet(double t)
 {
-    ls.t_now = t;
+    of->t_now = t;
     while (t >= ls.t_target - ulps(t)) {
-        int before = ls.n_corner;
+        ls.ramp_begins = false;
         ls.waiting = true;
-        swapcontext(&ls.runner, &ls.caller);
+        swapcontext(&runner, &caller);
         ls.waiting = false;
         if (ls.poisoned)
             return;
         ls.met = true;
-        ls.ramp_begins = ls.n_corner > before;
-        for (int i = 0; i < ls.n_source; i++)
-            if (ls.source[i].abrupt && ls.source[i].t >= t - ulps(t)) {
+        for (int i = 0; i < of->n_source; i++)
+            if (of->abrupt[i] && ls.source[i].t >= t - ulps(t)) {
                 /* ngspice ignores a breakpoint at its own time, and takes one within 100 ulp as reached */
                 ngSpice_SetBkpt(ls.source[i].t + 2.0 * ulps(t));
                 ngSpice_SetBkpt(ls.source[i].t + ls.source[i].t_edge);
@@ -228,19 +204,20 @@ static void meet(double t)
 static int on_sync(double t, double *delta, double old_delta, int redo, int id, int where, void *user)
 {
     (void)old_delta, (void)id, (void)user;
-    if (ls.state != RUNNING || !ls.started || ls.poisoned) /* a hidden transient: its points are nobody's samples */
+    if (ls.state != RUNNING || !of->started || ls.poisoned) /* a hidden transient: its points are nobody's samples */
         return 0;
     if (where != 0) {
         if (redo) {
-            ls.rejected++;
+            of->rejected++;
             if (ls.first_of_kind && ls.remembered[ls.kind] > *delta)
                 ls.remembered[ls.kind] = *delta;
         }
         return 0;
     }
-    ls.accepted++;
+    of->accepted++;
     meet(t); /* without initial operating point there is no data at t = 0 */
-    bool landed = drop_corners_until(t);
+    bool landed = false;
+    double left = fmin(next_corner(t, &landed), ls.t_target) - t;
     if (landed)
         ls.kind = AFTER_RAMP;
     if (ls.met) {
@@ -251,24 +228,23 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         landed = true;
         ls.met = false;
     }
-    double left = (ls.n_corner ? fmin(ls.corner[0], ls.t_target) : ls.t_target) - t;
     ls.first_of_kind = landed;
     if (landed && ls.kind != AFTER_SAMPLE)
         ls.t_corner = t;
-    if (landed && !ls.own_steps) {
+    if (landed && !of->own_steps) {
         /* ngspice at most doubles a step, so after a ramp of 1 ns it would need eight steps for a clock period;
            start instead with what was accepted at the same place last time, and let it be a little bolder. Gear's formula, which looks back two steps,
            is unstable where a step is more than 1 + sqrt(2) times the last. */
-        *delta = fmax(*delta, fmin(1.5 * ls.remembered[ls.kind], ls.t_max_step));
+        *delta = fmax(*delta, fmin(1.5 * ls.remembered[ls.kind], of->t_max_step));
     }
-    if (ls.growth > 0.0) /* transistors switch behind an edge: truncation control alone let a packet be 0.4 % off */
+    if (of->growth > 0.0) /* transistors switch behind an edge: truncation control alone let a packet be 0.4 % off */
     {
         double since = t - ls.t_corner; /* twice the share at twenty edges, when what switches has switched */
-        *delta = fmin(*delta, ls.growth * fmax(0.8 * ls.t_edge, since + since * since / (20.0 * ls.t_edge)));
+        *delta = fmin(*delta, of->growth * fmax(0.8 * of->t_edge, since + since * since / (20.0 * of->t_edge)));
     }
-    if (ls.accepted < 4) /* ngspice starts with backward Euler; be past it before the first edge */
+    if (of->accepted < 4) /* ngspice starts with backward Euler; be past it before the first edge */
         *delta = fmin(*delta, 0.2 * left);
-    if (*delta > left - (ls.own_steps ? tiny() : 1e-3 * left)) /* a step that misses the corner by rounding would be halved for ever */
+    if (*delta > left - (of->own_steps ? tiny() : 1e-3 * left)) /* a step that misses the corner by rounding would be halved for ever */
         *delta = left;
     else if (1.9 * *delta > left)
         *delta = 0.5 * left;
@@ -282,11 +258,11 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
 static int on_init_data(pvecinfoall all, int id, void *user)
 {
     (void)id, (void)user;
-    for (int p = 0; p < ls.n_probe; p++) {
-        ls.probe_vector[p] = -1;
+    for (int p = 0; p < of->n_probe; p++) {
+        ls.vector[p] = -1;
         for (int v = 0; v < all->veccount; v++)
-            if (!strcasecmp(all->vecs[v]->vecname, ls.probe_name[p]))
-                ls.probe_vector[p] = v;
+            if (!strcasecmp(all->vecs[v]->vecname, of->probe_names[p]))
+                ls.vector[p] = v;
     }
     return 0;
 }
@@ -294,30 +270,25 @@ static int on_init_data(pvecinfoall all, int id, void *user)
 static int on_data(pvecvaluesall all, int count, int id, void *user)
 {
     (void)count, (void)id, (void)user;
+    double t = 0.0;
     if (ls.state != RUNNING || ls.poisoned)
         return 0;
-    ls.started = ls.sampled = true;
-    for (int p = 0; p < ls.n_probe; p++) {
-        if (ls.probe_vector[p] >= 0)
-            ls.probe[p] = all->vecsa[ls.probe_vector[p]]->creal;
+    of->started = ls.sampled = true;
+    for (int p = 0; p < of->n_probe; p++) {
+        if (ls.vector[p] >= 0)
+            ls.probe[p] = all->vecsa[ls.vector[p]]->creal;
         ls.low[p] = fmin(ls.low[p], ls.probe[p]), ls.high[p] = fmax(ls.high[p], ls.probe[p]);
     }
     for (int v = 0; v < all->veccount; v++)
         if (all->vecsa[v]->is_scale)
-            ls.t_data = all->vecsa[v]->creal;
-    if (ls.recording) {
-        size_t width = (size_t)ls.n_probe + 1;
-        if (ls.record_rows == ls.record_room) {
-            ls.record_room = ls.record_room ? 2 * ls.record_room : 4096;
-            ls.record = realloc(ls.record, ls.record_room * width * sizeof(double));
-            if (!ls.record)
-                abort();
-        }
-        double *row = ls.record + ls.record_rows++ * width;
-        row[0] = ls.t_data;
-        memcpy(row + 1, ls.probe, (size_t)ls.n_probe * sizeof(double));
+            t = all->vecsa[v]->creal;
+    if (ls.record) {
+        fwrite_unlocked(&t, sizeof t, 1, ls.record);
+        fwrite_unlocked(ls.probe, sizeof t, (size_t)of->n_probe, ls.record);
+        if (fflush(ls.record))
+            abort();
     }
-    meet(ls.t_data);
+    meet(t);
     return 0;
 }
 
@@ -325,30 +296,15 @@ static int on_data(pvecvaluesall all, int count, int id, void *user)
 
 static void run(void)
 {
-    int rc = ngSpice_Command(ls.command);
-    if (ls.state == RUNNING)
-        ls.state = rc ? FAILED : ENDED;
-    swapcontext(&ls.runner, &ls.caller);
-}
-
-/* ---- the interface ---------------------------------------------------------------------------------------- */
-
-const char *lockstep_error(void) { return ls.error; }
-double lockstep_time(void) { return ls.t_now; }
-int lockstep_started(void) { return ls.started; }
-long lockstep_accepted(void) { return ls.accepted; }
-long lockstep_rejected(void) { return ls.rejected; }
-long lockstep_loads(void) { return ls.n_source ? ls.loads / ls.n_source : 0; }
-size_t lockstep_record_rows(void) { return ls.record_rows; }
-const double *lockstep_record(void) { return ls.record; }
-
-static int fail(const char *what)
-{
-    snprintf(ls.error, TEXT_BYTES, "%s%s%.3000s", what, ls.trouble[0] ? ": " : "", ls.trouble);
-    ls.state = FAILED;
-    if (ls.log)
-        fflush(ls.log);
-    return -1;
+    char command[128];
+    /* a step further: ngspice 39 ends 1e-11 of a step before its last time, 46 earlier */
+    snprintf(command, sizeof command, "tran %.17g %.17g 0 %.17g%s", of->t_edge, of->t_stop + of->t_max_step,
+             of->t_max_step, of->use_ic ? " uic" : "");
+    if (ngSpice_Command(command))
+        fail("ngspice stopped");
+    else if (ls.state == RUNNING)
+        ls.state = ENDED;
+    swapcontext(&runner, &caller);
 }
 
 /* The circuit was loaded and ngspice has no solution: -2, and the process can have another circuit; -1 if it cannot. */
@@ -356,195 +312,116 @@ static int give_up(const char *what)
 {
     if (ls.waiting) { /* with sources that are no number it returns by itself: its smallest step does not converge */
         ls.state = RUNNING, ls.poisoned = true;
-        swapcontext(&ls.caller, &ls.runner);
+        swapcontext(&caller, &runner);
     }
-    bool returned = ls.state == ENDED || ls.state == ABORTED;
-    fail(what);
-    if (!returned)
-        return -1;
-    ls.state = ABORTED;
-    return -2;
+    bool returned = ls.state == ENDED;
+    fail("%s", what);
+    return returned ? -2 : -1;
 }
 
-/* What `lockstep_open` takes; ngspice.py has the same fields. `start`: a command to ngspice behind the deck, which says how it
-   looks for the operating point. t_edges: how long edges of each source last. late: of each probe; delay: the different times
-   of these above 0, longest first. */
-struct circuit {
-    const char *log_path, *start, **deck, **source_names, **probe_names;
-    const double *levels, *t_edges, *late, *delay;
-    const int *abrupt;
-    double t_edge, t_max_step, t_stop, growth;
-    int n_lines, n_source, n_probe, n_delay, recording, use_ic, own_steps;
-};
+/* ---- the interface ---------------------------------------------------------------------------------------- */
 
-int lockstep_open(const struct circuit *of)
+/* Make ready for a circuit, which the caller loads then. */
+int lockstep_open(struct circuit *next)
 {
-    static bool initialised;
+    static void *stack;
     static int ident;
-    int n_source = of->n_source, n_probe = of->n_probe;
+    const char *refusal = NULL;
     if (ls.state == RUNNING)
-        return fail("this process has another circuit that did not come to its end");
-    if (ls.waiting) /* the last circuit failed */
+        refusal = "this process has another circuit that did not come to its end";
+    else if (ls.waiting) /* the last circuit failed */
         give_up("the transient was given up");
-    if (ls.waiting || ls.gone)
-        return fail("ngspice takes no other circuit in this process");
-    if (n_source > MAX_SOURCES || n_probe > MAX_SOURCES)
-        return fail("too many sources or probes");
-    if (ls.log)
-        fclose(ls.log);
-    ls.log = fopen(of->log_path, "a");
-    if (!ls.log)
+    if (!refusal && (ls.waiting || gone))
+        refusal = "ngspice takes no other circuit in this process";
+    else if (next->n_source > MAX_SOURCES || next->n_probe > MAX_SOURCES)
+        refusal = "too many sources or probes";
+    if (refusal) {
+        ls.state = FAILED;
+        snprintf(next->error, sizeof next->error, "%s", refusal);
+        return -1;
+    }
+    if (of) {
+        if (ls.log)
+            fclose(ls.log);
+        if (ls.record)
+            fclose(ls.record);
+        fclose(ls.said);
+        free(of->said), free(of->record);
+        of->said = of->record = NULL, of->said_bytes = of->record_bytes = 0;
+    }
+    memset(&ls, 0, sizeof ls); /* a null pointer is all zeros, and so are CLOSED, AFTER_SAMPLE and false */
+    of = next, of->started = of->use_ic;
+    ls.said = open_memstream(&of->said, &of->said_bytes);
+    ls.record = of->recording ? open_memstream(&of->record, &of->record_bytes) : NULL;
+    if (!(ls.log = fopen(of->log_path, "a")))
         return fail("cannot write the log");
-    free(ls.record);
-    /* a null pointer is all zeros, and so are CLOSED, AFTER_SAMPLE and false */
-    void *stack = ls.stack;
-    FILE *log = ls.log;
-    memset(&ls, 0, sizeof ls);
-    ls.stack = stack, ls.log = log;
-    ls.n_source = n_source, ls.n_probe = n_probe, ls.n_delay = of->n_delay;
-    ls.t_edge = of->t_edge, ls.t_max_step = of->t_max_step, ls.t_stop = of->t_stop, ls.growth = of->growth;
-    ls.started = of->use_ic, ls.own_steps = of->own_steps, ls.recording = of->recording;
-    for (int i = 0; i < n_source; i++) {
-        struct source *s = &ls.source[i];
-        *s = (struct source){.from = of->levels[i], .to = of->levels[i], .t = -HUGE_VAL, .t_edge = of->t_edges[i],
-                             .abrupt = of->abrupt[i]};
-        snprintf(s->name, sizeof s->name, "%s", of->source_names[i]);
-    }
-    for (int i = 0; i < n_probe; i++) {
-        snprintf(ls.probe_name[i], sizeof ls.probe_name[i], "%s", of->probe_names[i]);
-        ls.probe_vector[i] = -1, ls.probe[i] = NAN, ls.late[i] = of->late[i];
-    }
-    memcpy(ls.delay, of->delay, sizeof *ls.delay * (size_t)of->n_delay);
+    for (int i = 0; i < of->n_source; i++)
+        ls.source[i] = (struct source){.from = of->levels[i], .to = of->levels[i], .t = -HUGE_VAL, .t_edge = of->t_edges[i]};
+    for (int p = 0; p < of->n_probe; p++)
+        ls.vector[p] = -1, ls.probe[p] = NAN;
     for (int k = 0; k < 3; k++)
         ls.remembered[k] = of->t_max_step;
-
-    if (!initialised) {
-        if (ngSpice_Init(on_char, NULL, on_exit_wish, on_data, on_init_data, NULL, NULL))
+    if (!stack) {
+        stack = mmap(NULL, STACK_BYTES, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+        if (stack == MAP_FAILED || ngSpice_Init(on_char, NULL, on_exit_wish, on_data, on_init_data, NULL, NULL))
             return fail("ngspice does not start");
         ngSpice_Init_Sync(on_source, NULL, on_sync, &ident, NULL);
         /* Debian's library evaluates transistors in two threads of OpenMP, which wait for each other by spinning: with more
            processes than cores an iteration of one channel took 3 ms instead of 0.1 ms */
         ngSpice_Command("set num_threads=1");
-        initialised = true;
     } else {
         ngSpice_Command("destroy all");
         ngSpice_Command("remcirc");
         ngSpice_Command("unset cshunt_value"); /* where ngspice keeps .options cshunt, over the end of its circuit */
     }
+    getcontext(&runner);
+    runner.uc_stack.ss_sp = stack, runner.uc_stack.ss_size = STACK_BYTES, runner.uc_link = &caller;
+    makecontext(&runner, run, 0);
     ls.state = READY;
-    char **lines = calloc((size_t)of->n_lines + 1, sizeof *lines);
-    for (int i = 0; i < of->n_lines; i++)
-        lines[i] = strdup(of->deck[i]);
-    ls.loading = true;
-    int rc = ngSpice_Circ(lines);
-    ls.loading = false;
-    for (int i = 0; i < of->n_lines; i++)
-        free(lines[i]);
-    free(lines);
-    if (rc || ls.refused || ls.state == FAILED)
-        return fail("ngspice refuses the deck");
-    char copy[256];
-    snprintf(copy, sizeof copy, "%s", of->start);
-    if (ngSpice_Command(copy))
-        return fail("ngspice refuses how to start");
-    /* a step further: ngspice 39 ends 1e-11 of a step before its last time, 46 earlier */
-    snprintf(ls.command, sizeof ls.command, "tran %.17g %.17g 0 %.17g%s", of->t_edge, of->t_stop + of->t_max_step, of->t_max_step,
-             of->use_ic ? " uic" : "");
-    return 0;
-}
-
-/* Where every node stands in the operating point that the start command leads to, sources at their levels: a line
-   "name value" each, in `text`. It may come from a hidden transient, so it is a guess, to be confirmed by another circuit. */
-int lockstep_operating_point(char *text, int room)
-{
-    if (ls.state != READY)
-        return fail("the circuit is not ready");
-    ngSpice_Command("op");
-    char *plot = ngSpice_CurPlot();
-    char **names = plot ? ngSpice_AllVecs(plot) : NULL;
-    int used = 0;
-    for (int i = 0; names && names[i]; i++) {
-        char name[512];
-        snprintf(name, sizeof name, "%s.%s", plot, names[i]);
-        pvector_info vector = ngGet_Vec_Info(name);
-        if (!vector || vector->v_length != 1 || !vector->v_realdata || strchr(names[i], '#'))
-            continue;
-        used += snprintf(text + used, (size_t)(room - used), "%s %.17g\n", names[i], vector->v_realdata[0]);
-        if (used >= room)
-            return fail("too many nodes");
-    }
     return 0;
 }
 
 /* A name that the circuit does not have: -3. A probe is looked up when ngspice begins, before it has a solution; every source
    is asked for by the first one. */
-static int wrong_name(const char *name)
-{
-    fail("");
-    snprintf(ls.error, TEXT_BYTES, "%s", name);
-    return -3;
-}
+static int wrong_name(const char *name) { return fail("%s", name), -3; }
 
 /* Solve up to time `to`, with those edges that begin after `after`, and unless it is a sample ahead of the rest, with all others. */
 static int solve(double after, double to, bool early, int n_edge, const int *edge_source, const double *edge_time, const double *edge_level)
 {
     if (ls.state != READY && ls.state != RUNNING)
         return fail(ls.state == ENDED ? "the transient has ended" : "the circuit is not running");
-    if (to > ls.t_stop * (1.0 + 1e-12)) /* clocks times period may round beyond frames times slot */
+    if (to > of->t_stop * (1.0 + 1e-12)) /* clocks times period may round beyond frames times slot */
         return fail("asked to go beyond the end of the transient");
-    for (int i = 0; i < n_edge; i++) {
-        struct source *s = &ls.source[edge_source[i]];
-        double t = edge_time[i];
+    for (int e = 0; e < n_edge; e++) {
+        int i = edge_source[e];
+        double t = edge_time[e];
         if (t <= after || (t > to && early))
             continue;
-        if (edge_source[i] < 0 || edge_source[i] >= ls.n_source || t < ls.t_now - ulps(t) || t > to)
+        if (i < 0 || i >= of->n_source || t < of->t_now - ulps(t) || t > to)
             return fail("an edge lies outside the interval");
-        if (t < s->t + s->t_edge - ulps(t)) {
-            snprintf(ls.trouble, TEXT_BYTES, "%.60s at %.9g s", s->name, t);
-            return fail("an edge begins before the last one of its source has ended");
-        }
-        if (ls.n_corner + 2 > MAX_CORNERS)
-            return fail("too many edges in one interval");
-        s->from = level(s, t);
-        s->to = edge_level[i];
-        s->t = t;
-        add_corner(t);
-        add_corner(t + s->t_edge);
+        struct source *s = &ls.source[i];
+        if (t < s->t + s->t_edge - ulps(t))
+            return fail("an edge begins before the last one of its source has ended: %.60s at %.9g s", of->source_names[i], t);
+        s->from = level(s, t), s->to = edge_level[e], s->t = t;
+        ls.ramp_begins = true;
     }
+    ls.t_target = to, ls.state = RUNNING;
+    swapcontext(&caller, &runner);
     if (ls.state == FAILED)
-        return fail("not advanced");
-    ls.t_target = to;
-    if (ls.state == READY) {
-        if (!ls.stack) {
-            ls.stack = mmap(NULL, STACK_BYTES, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-            if (ls.stack == MAP_FAILED) {
-                ls.stack = NULL;
-                return fail("no memory for the stack of ngspice");
-            }
-        }
-        getcontext(&ls.runner);
-        ls.runner.uc_stack.ss_sp = ls.stack;
-        ls.runner.uc_stack.ss_size = STACK_BYTES;
-        ls.runner.uc_link = &ls.caller;
-        makecontext(&ls.runner, run, 0);
-        ls.state = RUNNING;
-    }
-    swapcontext(&ls.caller, &ls.runner);
-    bool reached = ls.t_now >= to - ulps(to);
-    if (ls.state == FAILED)
-        return fail("ngspice stopped");
-    for (int p = 0; p < ls.n_probe; p++)
-        if (ls.probe_vector[p] < 0)
-            return wrong_name(ls.probe_name[p]);
-    if (!reached || !ls.started)
-        return give_up(ls.started ? "ngspice stopped" : "ngspice found no operating point");
-    for (int i = 0; i < ls.n_source; i++)
+        return -1;
+    for (int p = 0; p < of->n_probe; p++)
+        if (ls.vector[p] < 0)
+            return wrong_name(of->probe_names[p]);
+    if (of->t_now < to - ulps(to) || !of->started)
+        return give_up(of->started ? "ngspice stopped" : "ngspice found no operating point");
+    for (int i = 0; i < of->n_source; i++)
         if (!ls.source[i].asked)
-            return wrong_name(ls.source[i].name);
-    for (int p = 0; p < ls.n_probe; p++)
+            return wrong_name(of->source_names[i]);
+    for (int p = 0; p < of->n_probe; p++)
         if (ls.sampled && !isfinite(ls.probe[p])) {
-            snprintf(ls.trouble, TEXT_BYTES, "node \"%.63s\" is %g", ls.probe_name[p], ls.probe[p]);
-            return give_up("a sample is no number");
+            char what[128];
+            snprintf(what, sizeof what, "a sample is no number: node \"%.63s\" is %g", of->probe_names[p], ls.probe[p]);
+            return give_up(what);
         }
     return 0;
 }
@@ -555,37 +432,38 @@ static int solve(double after, double to, bool early, int n_edge, const int *edg
 int lockstep_advance(double to, int n_edge, const int *edge_source, const double *edge_time, const double *edge_level,
                      double *samples, double *low, double *high)
 {
-    double after = -HUGE_VAL;
-    for (int p = 0; p < ls.n_probe; p++)
-        ls.low[p] = HUGE_VAL, ls.high[p] = -HUGE_VAL;
-    for (int i = 0; i <= ls.n_delay; i++) {
-        double late = i < ls.n_delay ? ls.delay[i] : 0.0, at = to - late;
-        if (late > 0.0 && at < ls.t_asked - tiny() && ls.t_asked > 0.0) {
-            snprintf(ls.trouble, TEXT_BYTES, "a probe is %g s late, but the last sample is %g s ago", late, to - ls.t_asked);
-            return fail("not advanced");
-        }
+    double after = -HUGE_VAL, late = HUGE_VAL;
+    ls.low = low, ls.high = high;
+    for (int p = 0; p < of->n_probe; p++)
+        low[p] = HUGE_VAL, high[p] = -HUGE_VAL;
+    while (late > 0.0) {
+        double before = late;
+        late = 0.0;
+        for (int p = 0; p < of->n_probe; p++) /* the different ones, longest first, and then 0 */
+            late = of->late[p] < before ? fmax(late, of->late[p]) : late;
+        double at = to - late;
+        if (late > 0.0 && at < ls.t_asked - tiny() && ls.t_asked > 0.0)
+            return fail("not advanced: a probe is %g s late, but the last sample is %g s ago", late, to - ls.t_asked);
         if (late == 0.0 || at > ls.t_asked + tiny()) {
             int failed = solve(after, at, late > 0.0, n_edge, edge_source, edge_time, edge_level);
             if (failed)
                 return failed;
             after = ls.t_asked = at;
         }
-        for (int p = 0; p < ls.n_probe; p++)
-            if (ls.late[p] == late || (late == 0.0 && to < ls.late[p]))
+        for (int p = 0; p < of->n_probe; p++)
+            if (of->late[p] == late || (late == 0.0 && to < of->late[p]))
                 samples[p] = ls.probe[p];
     }
-    memcpy(low, ls.low, sizeof *low * (size_t)ls.n_probe);
-    memcpy(high, ls.high, sizeof *high * (size_t)ls.n_probe);
     return 0;
 }
 
 /* Let a transient return, at its end or given up before, so that the process can have another circuit. */
 void lockstep_close(void)
 {
-    if (ls.state == RUNNING && ls.t_now < ls.t_stop - 1e-10 * ls.t_max_step)
+    if (ls.state == RUNNING && of->t_now < of->t_stop - 1e-10 * of->t_max_step)
         give_up("the transient was ended");
     else if (ls.state == RUNNING) {
         ls.t_target = HUGE_VAL;
-        swapcontext(&ls.caller, &ls.runner);
+        swapcontext(&caller, &runner);
     }
 }

@@ -15,6 +15,7 @@ import hashlib
 import importlib.util
 import math
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +37,9 @@ FLAGS = ("-O2", "-shared", "-fPIC", "-D_GNU_SOURCE", "-lngspice")
 NGSPICE = "libngspice.so.0"
 
 _GAVE_UP, _WRONG_NAME = -2, -3  # what an advance returns without a solution, and for a wrong name
-_GUESS_BYTES = 1 << 23  # 60 bytes a node: an array of 256 x 256 with traces has 131 072
+_COMPLAINT = re.compile(
+    "error|trouble|too small|singular|aborted|no convergence|iteration limit|undefined", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)
@@ -107,39 +110,38 @@ class _Circuit(ctypes.Structure):
     """`struct circuit` of lockstep.c."""
 
     _fields_ = (
-        *((name, ctypes.c_char_p) for name in ("log_path", "start")),
-        *((name, ctypes.POINTER(ctypes.c_char_p)) for name in ("deck", "source_names", "probe_names")),
-        *((name, ctypes.POINTER(ctypes.c_double)) for name in ("levels", "t_edges", "late", "delay")),
+        ("log_path", ctypes.c_char_p),
+        *((name, ctypes.POINTER(ctypes.c_char_p)) for name in ("source_names", "probe_names")),
+        *((name, ctypes.POINTER(ctypes.c_double)) for name in ("levels", "t_edges", "late")),
         ("abrupt", ctypes.POINTER(ctypes.c_int)),
-        *((name, ctypes.c_double) for name in ("t_edge", "t_max_step", "t_stop", "growth")),
-        *((name, ctypes.c_int) for name in ("n_lines", "n_source", "n_probe", "n_delay")),
-        *((name, ctypes.c_int) for name in ("recording", "use_ic", "own_steps")),
+        *((name, ctypes.c_double) for name in ("t_edge", "t_max_step", "t_stop", "growth", "t_now")),
+        *(
+            (name, ctypes.c_int)
+            for name in ("n_source", "n_probe", "recording", "use_ic", "own_steps", "started")
+        ),
+        *((name, ctypes.c_long) for name in ("accepted", "rejected", "loads")),
+        *((name, ctypes.c_void_p) for name in ("said", "record")),
+        *((name, ctypes.c_size_t) for name in ("said_bytes", "record_bytes")),
+        ("error", ctypes.c_char * 256),
     )
+
+
+_KINDS: dict[str, Any] = dict(_Circuit._fields_)
+_kept: list[_Circuit] = []
+"""Circuits that lockstep.c may look into: the last one, and any that failed to open after it."""
 
 
 @functools.cache
 def loaded() -> ctypes.CDLL:
-    """Return the library of this process, with lockstep.c and clock_loop.c."""
+    """Return the library of this process, with lockstep.c and clock_loop.c, and ngspice."""
     lib = ctypes.CDLL(str(library()))
-    text, number, whole = ctypes.c_char_p, ctypes.c_double, ctypes.c_int
     lib.lockstep_open.argtypes = [ctypes.POINTER(_Circuit)]
-    lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 6]
-    lib.lockstep_error.restype = text
-    lib.lockstep_operating_point.argtypes = [text, whole]
-    lib.lockstep_time.restype = number
-    for name in ("accepted", "rejected", "loads"):
-        getattr(lib, f"lockstep_{name}").restype = ctypes.c_long
-    lib.lockstep_record_rows.restype = ctypes.c_size_t
-    lib.lockstep_record.restype = ctypes.POINTER(number)
+    lib.lockstep_advance.argtypes = [ctypes.c_double, ctypes.c_int, *[ctypes.c_void_p] * 6]
     return lib
 
 
 def _array(kind: Any, items: Sequence[Any]) -> Any:
-    return (kind * len(items))(*items)
-
-
-def _texts(items: Sequence[str]) -> Any:
-    return _array(ctypes.c_char_p, [item.encode() for item in items])
+    return (kind * len(items))(*(item.encode() if isinstance(item, str) else item for item in items))
 
 
 class NgspiceHalf:
@@ -181,38 +183,35 @@ class NgspiceHalf:
         use_ic: bool = False,
         level: ladder.Level = ladder.PLAIN,
     ) -> None:
-        self._lib, self._log = loaded(), log
-        self._probes, self._sources = deck.probes, deck.sources
+        self._lib, self._log, self._probes, self._sources = loaded(), log, deck.probes, deck.sources
         netlist_faults.refuse(deck.lines)
-        late_s = np.array(deck.late_s or (0.0,) * len(deck.probes), dtype=float)
-        if late_s.shape != (len(deck.probes),) or not (late_s >= 0).all():
+        self._late_s = np.array(deck.late_s or (0.0,) * len(deck.probes), dtype=float)
+        if self._late_s.shape != (len(deck.probes),) or not (self._late_s >= 0).all():
             raise ValueError(f"late_s = {deck.late_s}: a time from 0 for every probe")
         log.parent.mkdir(parents=True, exist_ok=True)
-        self._log_begins = log.stat().st_size if log.exists() else 0
         start = ladder.START[level.start]
         lines = [*deck.lines, *level.option_lines]
-        own_steps = deck.breaks or any("method=gear" in "".join(line.lower().split()) for line in lines)
-        step_s = min(t_max_step_s, deck.longest_step_s)
-        self._late_s = late_s
-        late = np.where(late_s > 1e-10 * step_s, late_s, 0.0)  # `tiny` of lockstep.c
-        delays = sorted({*late.tolist()} - {0.0}, reverse=True)
-        shortest_s = min(t_edge_s, deck.longest_edge_s)
+        step_s, shortest_s = min(t_max_step_s, deck.longest_step_s), min(t_edge_s, deck.longest_edge_s)
         edges_s = deck.edges_s or [t_edge_s if abrupt else shortest_s for abrupt in deck.abrupt]
-        numbers = {"levels": deck.levels, "t_edges": edges_s, "late": late.tolist(), "delay": delays}
-        arrays = {name: _array(ctypes.c_double, values) for name, values in numbers.items()}
+        late_s = np.where(self._late_s > 1e-10 * step_s, self._late_s, 0.0)  # `tiny` of lockstep.c
+        gear = any("method=gear" in "".join(line.lower().split()) for line in lines)
+        arrays = {"source_names": deck.sources, "probe_names": deck.probes, "abrupt": deck.abrupt}
+        arrays |= {"levels": deck.levels, "t_edges": edges_s, "late": late_s.tolist()}
+        given: dict[str, Any] = {name: _array(_KINDS[name]._type_, items) for name, items in arrays.items()}
+        given |= {"log_path": str(log).encode(), "n_source": len(deck.sources), "n_probe": len(deck.probes)}
+        given |= {"t_edge": t_edge_s, "t_max_step": step_s, "t_stop": t_stop_s, "growth": deck.step_growth}
+        given |= {"recording": record, "use_ic": use_ic, "own_steps": deck.breaks or gear}
 
         def load(extra: Sequence[str], how: ladder.Rung) -> None:
-            text = [*lines, *extra, ".end"]
-            circuit = _Circuit(
-                log_path=str(log).encode(), deck=_texts(text), n_lines=len(text), start=how.optran.encode(),
-                source_names=_texts(deck.sources), n_source=len(deck.sources),
-                probe_names=_texts(deck.probes), n_probe=len(deck.probes), n_delay=len(delays), **arrays,
-                abrupt=_array(ctypes.c_int, deck.abrupt), t_edge=t_edge_s,
-                t_max_step=step_s, t_stop=t_stop_s, growth=deck.step_growth,
-                recording=record, use_ic=use_ic, own_steps=own_steps,
-            )  # fmt: skip
-            if self._lib.lockstep_open(circuit):
+            self._circuit = _Circuit(**given)
+            _kept.append(self._circuit)
+            if self._lib.lockstep_open(self._circuit):
                 self.fail()
+            _kept[:] = [self._circuit]
+            text = _array(ctypes.c_char_p, [*lines, *extra, ".end", None])
+            if self._lib.ngSpice_Circ(text) or "stderr Error" in self._said():  # which its code may not say
+                self.fail(what="ngspice refuses the deck")
+            self._lib.ngSpice_Command(how.optran.encode())
 
         nodesets: list[str] = []
         if start.guess and not use_ic:
@@ -231,28 +230,29 @@ class NgspiceHalf:
         """Address of the C function by which the clock loop advances this circuit."""
         return ctypes.cast(self._lib.lockstep_advance, ctypes.c_void_p).value or 0
 
-    def fail(self, code: int = -1) -> NoReturn:
-        """Raise the error of an advance that returned `code`."""
-        words = self._lib.lockstep_error().decode(errors="replace")
-        time_s = self._lib.lockstep_time()
+    def _said(self) -> str:
+        """Return all that ngspice said about the circuit."""
+        return ctypes.string_at(self._circuit.said, self._circuit.said_bytes).decode(errors="replace")
+
+    def fail(self, code: int = -1, what: str = "") -> NoReturn:
+        """Raise the error of an advance that returned `code`, or of `what`."""
+        time_s, words, said = self._circuit.t_now, self._circuit.error.decode(errors="replace"), self._said()
         if code == _WRONG_NAME and words in self._sources:
             raise InputError("netlist", "source", words, f'an external source: "{words} node node external"')
         if code == _WRONG_NAME:
             raise InputError("netlist", "probe", words, "a node of the circuit")
+        words = ": ".join(filter(None, (what, words, _complaints(said))))
         if code != _GAVE_UP:
             raise SimulatorError(f"ngspice at {time_s:.9g} s: {words}", self._log)
-        with self._log.open("rb") as file:
-            file.seek(self._log_begins)
-            said = file.read().decode(errors="replace")
-        phase: ladder.Phase = "steps" if self._lib.lockstep_started() else "start"
+        phase: ladder.Phase = "steps" if self._circuit.started else "start"
         raise ladder.Abort(phase, words, time_s, ladder.node_of(words) or ladder.node_of(said), self._log)
 
     def _guess(self) -> list[str]:
         """Return nodesets from an unconfirmed operating point, none without one."""
-        text = ctypes.create_string_buffer(_GUESS_BYTES)
-        if self._lib.lockstep_operating_point(text, _GUESS_BYTES):
-            self.fail()
-        found = (line.split() for line in text.value.decode().splitlines())
+        before = len(self._said())
+        for command in (b"op", b"set numdgt=16", b"print all"):
+            self._lib.ngSpice_Command(command)
+        found = re.findall(r"(?m)^stdout ([^\s#]+) = (\S+)$", self._said()[before:])
         return [f".nodeset v({name})={value}" for name, value in found if math.isfinite(float(value))]
 
     def check(self, edges: Sequence[Edge]) -> None:
@@ -282,10 +282,10 @@ class NgspiceHalf:
 
         Probes of `Deck.late_s` are shown that much later, and the times are those of both.
         """
-        rows = self._lib.lockstep_record_rows()
-        if rows == 0:
+        record = ctypes.string_at(self._circuit.record, self._circuit.record_bytes)
+        if not record:
             return np.zeros(0), {p: np.zeros(0) for p in self._probes}
-        table = np.ctypeslib.as_array(self._lib.lockstep_record(), (rows, len(self._probes) + 1)).copy()
+        table = np.frombuffer(record).reshape(-1, 1 + len(self._probes))
         solved = table[:, 0]
         late_s = dict(zip(self._probes, self._late_s.tolist(), strict=True))
         time = np.unique(np.concatenate([solved + late for late in {0.0, *late_s.values()}]))
@@ -296,8 +296,18 @@ class NgspiceHalf:
     @property
     def statistics(self) -> dict[str, int]:
         """Number of accepted and rejected time points and of source evaluations so far."""
-        return {name: getattr(self._lib, f"lockstep_{name}")() for name in ("accepted", "rejected", "loads")}
+        return {name: getattr(self._circuit, name) for name in ("accepted", "rejected", "loads")}
 
     def close(self) -> None:
         """Release the circuit, at the end of its transient or before, for another one."""
         self._lib.lockstep_close()
+
+
+def _complaints(said: str) -> str:
+    """Return the lines in which ngspice complained, and what it said on stderr after an error in the deck."""
+    error, found = False, []
+    for line in said.splitlines():
+        if _COMPLAINT.search(line) or (error and line.startswith("stderr ")):
+            found.append(line.removeprefix("stderr "))
+        error = error or line.startswith("stderr Error")
+    return "; ".join(dict.fromkeys(found))[:3000]

@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import NDArray
@@ -25,8 +26,7 @@ from dermis.chip.spice_text import spice_number
 from dermis.converter.vfc import count_rational
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
-from dermis.lockstep import clock_loop
-from dermis.lockstep.ngspice import Deck, NgspiceHalf
+from dermis.lockstep.ngspice import Deck, NgspiceHalf, loaded
 from dermis.ndarrays import Floats
 from dermis.records import Timing
 from scripts import workers
@@ -261,6 +261,19 @@ def converter_loop(circuit: Circuit) -> LoopJob:
     return LoopJob(circuit.timing, 1, circuit.parameters, partial(deck, circuit), True)
 
 
+@numba.njit
+def _replay(advance: Any, period_s: float, first: Any, source: Any, time: Any, level: Any, told: Any) -> int:
+    """Advance a circuit in C by clocks, with edges first[i] to first[i + 1] in clock i; return 0, or its failure."""
+    for clock in range(len(first) - 1):
+        a, b = first[clock], first[clock + 1]
+        edges = source[a:].ctypes.data, time[a:].ctypes.data, level[a:].ctypes.data
+        samples, low, high = told[0].ctypes.data, told[1].ctypes.data, told[2].ctypes.data
+        failed = advance((clock + 1) * period_s, b - a, *edges, samples, low, high)
+        if failed:
+            return failed
+    return 0
+
+
 async def _loop(dut: Any, job: LoopJob, where: Path) -> tuple[float, float]:
     timing, t_clk, halves = job.timing, 1.0 / job.timing.f_clk_hz, []
 
@@ -280,8 +293,14 @@ async def _loop(dut: Any, job: LoopJob, where: Path) -> tuple[float, float]:
         moved = [i for i, level in enumerate(new) if level != old[i]]
         clocks.append([(clock * t_clk, i, float(new[i])) for i in moved])
         old = new
+    first = np.cumsum([0, *map(len, clocks)], dtype=np.int32)
+    time, source, level = np.array([edge for clock in clocks for edge in clock]).reshape(-1, 3).T.copy()
+    told = np.zeros((3, 2 * job.cols + 8))
+    arrays = source.astype(np.int32), time, level, told
+    _replay(loaded().lockstep_advance, t_clk, first[:1], *arrays)  # compiles
     alone = make_half(0, levels)
-    clock_loop.replay(alone, t_clk, clocks)
+    if failed := _replay(loaded().lockstep_advance, t_clk, first, *arrays):
+        alone.fail(failed)
     alone.close()
     return frame.cpu_seconds, alone.cpu_seconds
 
