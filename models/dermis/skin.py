@@ -280,6 +280,7 @@ class Skin(Threaded):
         self._other_read_out = kinds[0] != kinds[1]
         self.decoder = Decoder(known, self.t_frame_s)
         self._network, converter = self.plan.network(0), self.plan.converter
+        self._arguments = crosstalk.arguments(self._network)
         # Elsewhere the engine's own array solve and count formula do it.
         inputs = self._network.r_column_ohm
         good = crosstalk.lumped(self._network) and (not inputs.any() or inputs.min() >= LEAST_INPUT_OHM)
@@ -469,7 +470,7 @@ class Skin(Threaded):
             sizes = shape, shape, self.rows, self.rows, (size, size), (2, size)
             work = self._local.work = tuple(np.empty(size) for size in sizes)
         chip = float(true.code_max), true.falling, true.step_a, true.start_code, true.inv_i_range_a
-        network, sheet = crosstalk.arguments(self._network), self._sheet()
+        network, sheet = self._arguments, self._sheet()
         while first < part.stop:
             place = len(self._resets), first, part.stop
             first = _read_frames(forces, *place, dt_s, self._law, sheet, network, chip, work, codes)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from dermis import machine_code
 from dermis.array.array import Network
+from dermis.converter.vfc import code_type
 from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
 from dermis.decode.law import force_of
@@ -534,7 +535,9 @@ class Decoder(Threaded):
             raise ValueError(f"codes must be integers [frames, {cal.rows}, {cal.cols}]")
         if codes.size and not (0 <= codes.min() and codes.max() <= cal.code_max):
             raise ValueError(f"codes must be 0..{cal.code_max}")
-        frames = cal.rising(codes).reshape(-1, cal.rows, cal.cols)
+        # One type and layout: the loops would be compiled again for each other one.
+        frames = np.ascontiguousarray(cal.rising(codes), code_type(cal.code_max))
+        frames = frames.reshape(-1, cal.rows, cal.cols)
         dt_s = times(self.t_frame_s if t_frame_s is None else t_frame_s, len(frames))
         out = Forces.empty(codes.shape) if out is None else out
         results = tuple(array.reshape(frames.shape) for array in out.writable(codes.shape))
