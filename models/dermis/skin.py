@@ -116,7 +116,8 @@ def _currents_through_inputs(g, out, network, total, a, w):
     for r in range(rows):
         part = 1.0 / (total[r] + g_ground) if total[r] + g_ground > 0.0 else 0.0
         change = r_driven / (1.0 + r_driven * total[r]) - part
-        w[0, :] = g[r]
+        for c in range(cols):  # numba compiles an assignment of arrays for two seconds
+            w[0, c] = g[r, c]
         _solve_factored(a, w[0])
         inner, known = 0.0, 0.0
         for c in range(cols):
