@@ -38,11 +38,6 @@ def pytest_configure() -> None:
     gc.set_threshold(100_000, 20)  # by default it takes a tenth of the time of numba's compiler
 
 
-def pytest_collection_finish() -> None:
-    """Spare the garbage collector the modules and tests, which live until the end."""
-    gc.freeze()
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip the tests of the paper's values where models/design.toml holds another design."""
     stored = design.load().stored()
@@ -50,6 +45,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in items:
             if item.get_closest_marker("paper"):
                 item.add_marker(pytest.mark.skip(reason=f"values of the paper; here {unlike[0]}"))
+    gc.freeze()  # modules and tests live until the end: nothing to look at again and again
 
 
 @pytest.hookimpl(tryfirst=True)
