@@ -342,8 +342,7 @@ WRONG_NUMBER = [
 def test_a_wrong_stimulus_or_file_is_one_line_that_names_the_place(
     text: str, content: str | bytes, key: str, allowed: str, write_scene: Write
 ) -> None:
-    content = _bomb() if content == "bomb" else content
-    files = dict.fromkeys(("frames__csv", "f__npy", "f__npz"), content)
+    files = dict.fromkeys(("frames__csv", "f__npy", "f__npz"), _bomb() if content == "bomb" else content)
     error = complaint(write_scene, text, **files)
     assert error.key == key, error
     assert allowed in str(error)

@@ -82,12 +82,11 @@ WRONG = [
 @pytest.mark.parametrize("nets", [WRONG[:3], *(pytest.param([w], marks=pytest.mark.long) for w in WRONG)])
 def test_a_wrong_net_of_the_top_is_noticed(nets: list[tuple[str, str, str, float]]) -> None:
     """Three at once, as each moves another quantity: ngspice takes 8 s. The bias moves the fast column by 0.1."""
-    bench = benches.BENCHES["front_end"]
-    text = bench.body
+    text = (bench := benches.BENCHES["front_end"]).body
     for right, wrong, _, _ in nets:
         assert text.count(right) == 1
         text = text.replace(right, wrong)
     found = bench.values(runs.measured(text, Condition()))
-    for name, least in (net[2:] for net in nets):
+    for _, _, name, least in nets:
         assert abs(value := found[f"front_end_{name}"]) > least
         assert verdict.judge(f"sky130.front_end_{name}", value)["status"] == "FAIL"

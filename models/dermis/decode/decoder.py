@@ -535,9 +535,8 @@ class Decoder(Threaded):
             raise ValueError(f"codes must be integers [frames, {cal.rows}, {cal.cols}]")
         if codes.size and not (0 <= codes.min() and codes.max() <= cal.code_max):
             raise ValueError(f"codes must be 0..{cal.code_max}")
-        # One type and layout: the loops would be compiled again for each other one.
-        frames = np.ascontiguousarray(cal.rising(codes), code_type(cal.code_max))
-        frames = frames.reshape(-1, cal.rows, cal.cols)
+        frames = cal.rising(codes).reshape(-1, cal.rows, cal.cols)
+        frames = np.ascontiguousarray(frames, code_type(cal.code_max))  # the loops are compiled for each type
         dt_s = times(self.t_frame_s if t_frame_s is None else t_frame_s, len(frames))
         out = Forces.empty(codes.shape) if out is None else out
         results = tuple(array.reshape(frames.shape) for array in out.writable(codes.shape))
