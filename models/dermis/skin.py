@@ -113,7 +113,8 @@ def _currents_through_inputs(g, out, network, total, a, w):
     for r in range(rows):
         part = 1.0 / (total[r] + g_ground) if total[r] + g_ground > 0.0 else 0.0
         change = r_driven / (1.0 + r_driven * total[r]) - part
-        w[0, :] = g[r]
+        for c in range(cols):  # numba compiles an assignment of arrays for two seconds
+            w[0, c] = g[r, c]
         _solve_factored(a, w[0])
         inner, known = 0.0, 0.0
         for c in range(cols):
@@ -277,6 +278,7 @@ class Skin(Threaded):
         self._other_read_out = kinds[0] != kinds[1]
         self.decoder = Decoder(known, self.t_frame_s)
         self._network, converter = self.plan.network(0), self.plan.converter
+        self._arguments = crosstalk.arguments(self._network)
         # Elsewhere the engine's own array solve and count formula do it.
         inputs = self._network.r_column_ohm
         good = crosstalk.lumped(self._network) and (not inputs.any() or inputs.min() >= LEAST_INPUT_OHM)
@@ -466,7 +468,7 @@ class Skin(Threaded):
             sizes = shape, shape, self.rows, self.rows, (size, size), (2, size)
             work = self._local.work = tuple(np.empty(size) for size in sizes)
         chip = float(true.code_max), true.falling, true.step_a, true.start_code, true.inv_i_range_a
-        network, sheet = crosstalk.arguments(self._network), self._sheet()
+        network, sheet = self._arguments, self._sheet()
         while first < part.stop:
             place = len(self._resets), first, part.stop
             first = _read_frames(forces, *place, dt_s, self._law, sheet, network, chip, work, codes)

@@ -51,7 +51,7 @@ def test_search_notices_a_bound_that_is_missing(kind: str, monkeypatch: pytest.M
     for name in ("motion", "comparator_hysteresis", "integrator_gain", "comparator_noise"):
         free = replace(EFFECTS[name].bound, factor=0.0)
         monkeypatch.setitem(EFFECTS, name, replace(EFFECTS[name], bound=free))
-    assert search.run_scenes(kind, 0, 0, 12)["wrong"] > 0
+    assert search.run_scenes(kind, 0, 3, 12)["wrong"] > 0
 
 
 @pytest.mark.parametrize("kind", search.SKIN_KINDS)

@@ -55,7 +55,7 @@ def test_a_simulator_that_stops_answering_is_ended(
     resistance_plan: MakePlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A step of 1e-25 s does not advance time in double precision."""
-    monkeypatch.setattr(cosim, "SLOT_LIMIT_S", 5.0)
+    monkeypatch.setattr(cosim, "SLOT_LIMIT_S", 2.0)
     made = resistance_plan(np.full((1, 1), 1000.0))
     with pytest.raises(SimulatorError, match="stopped answering"):
         cosim.run(made, solver=cosim.Solver(t_max_step_s=1e-25), work=tmp_path / "work")

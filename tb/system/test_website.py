@@ -27,6 +27,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "mkdocs.yml").write_text(config)
     for name, place in (("CONFIG", "mkdocs.yml"), ("SOURCE", "site_source"), ("SITE", "site"), ("BUILD", "")):
         monkeypatch.setattr(website, name, tmp_path / place)
+    monkeypatch.setattr(website.demo, "wasm", lambda _: b"")  # where its compiler is installed it takes 40 s
     return tmp_path
 
 

@@ -354,7 +354,8 @@ def arguments(network: Network) -> tuple:
     with np.errstate(divide="ignore"):
         g_ground = min(float(np.divide(1.0, network.r_row_grounded_ohm)), 1e60)
     g_lateral = network.rows * network.g_lateral_row_s
-    sources = network.r_column_ohm, network.v_column_offset_v, network.i_leak_a
+    # Copies, so that none is read-only: the loops would be compiled again for a pickled network, which is not.
+    sources = map(np.array, (network.r_column_ohm, network.v_column_offset_v, network.i_leak_a))
     return network.v_bias_v, network.r_row_driven_ohm, g_ground, *sources, g_lateral
 
 

@@ -73,40 +73,25 @@ def test_a_length_with_whole_slots_too_many_is_read_again(driver: dict[str, str]
     assert got["frames"] == 4
 
 
-def name(driver: dict[str, str], in_python: str, in_c: str) -> str:
-    return in_c if driver["library"] else in_python
+OTHER = "dermis_registers", ("16'hDE01", "16'hDE02")
+SHORT = "dermis_frame_buffer", ("front_q ? length1_q : length0_q;", "length1_q - 16'd1;")
+# What ends in an error -> its name in Python and in C, and frame commands until then.
+ENDS: dict[str, tuple[dict[str, Any], str, str, int]] = {
+    "bad line": ({"faults": {str(n): ["flip", CRC_BYTE] for n in range(1, 9)}}, "BadFrameCrc", "BAD_CRC", 3),
+    "no clock": ({"dead": True}, "NoAnswer", "NO_ANSWER", 0),
+    "no frames": ({"enable": False, "timeout_s": 0.05}, "TimedOut", "TIMEOUT", 0),
+    "no such register": ({"write": 0x1F}, "NoSuchRegister", "NO_REGISTER", 1),
+    "another chip": ({"trap": OTHER}, "OtherChip", "OTHER_CHIP", 0),
+    "too few bytes": ({"trap": SHORT}, "BadFrameCrc", "BAD_CRC", 3),
+}
 
 
-def test_a_line_that_stays_bad_is_an_error(driver: dict[str, str]) -> None:
-    got = drive(driver, faults={str(n): ["flip", CRC_BYTE] for n in range(1, 9)})
-    assert (got["error"], got["frames"]) == (name(driver, "BadFrameCrc", "BAD_CRC"), 3)
-
-
-def test_a_chip_that_sends_too_few_bytes_is_an_error(driver: dict[str, str], tmp_path: Path) -> None:
-    short = (
-        "assign length_o      = front_q ? length1_q : length0_q;",
-        "assign length_o = length1_q - 16'd1;",
-    )
-    got = drive(driver, trap=changed(tmp_path, "dermis_frame_buffer", short))
-    assert got["error"] in ("BadFrameCrc", "BAD_CRC")
-
-
-def test_a_chip_without_clock_ends_in_an_error(driver: dict[str, str]) -> None:
-    assert drive(driver, dead=True)["error"] == name(driver, "NoAnswer", "NO_ANSWER")
-
-
-def test_a_chip_without_frames_ends_in_an_error(driver: dict[str, str]) -> None:
-    got = drive(driver, enable=False, timeout_s=0.05)
-    assert (got["error"], got["frames"]) == (name(driver, "TimedOut", "TIMEOUT"), 0)
-
-
-def test_a_register_that_is_not_there_is_an_error(driver: dict[str, str]) -> None:
-    assert drive(driver, write=0x1F)["error"] == name(driver, "NoSuchRegister", "NO_REGISTER")
-
-
-def test_another_chip_is_an_error(driver: dict[str, str], tmp_path: Path) -> None:
-    other = changed(tmp_path, "dermis_registers", ("16'hDE01", "16'hDE02"))
-    assert drive(driver, trap=other)["error"] == name(driver, "OtherChip", "OTHER_CHIP")
+@pytest.mark.parametrize("why", ENDS)
+def test_what_cannot_be_done_is_an_error(driver: dict[str, str], why: str, tmp_path: Path) -> None:
+    asked, in_python, in_c, frames = ENDS[why]
+    trap = changed(tmp_path, *asked["trap"]) if "trap" in asked else None
+    got = drive(driver, **asked | {"trap": trap})
+    assert (got["error"], got["frames"]) == (in_c if driver["library"] else in_python, frames)
 
 
 def test_the_driver_in_c_does_not_write_past_its_buffer(library: str) -> None:

@@ -15,6 +15,7 @@ pytestmark = pytest.mark.timeout(170)
 SMALL = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8, "GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
 """One build serves most tests: five columns are no power of two, and a frame lasts 264 clocks."""
 
+FORMS = pytest.mark.parametrize("sync_latch", [0, 1], ids=["sync_ff", "sync_latch"])
 WEIGHTS = [5, 2, 4, 2, 2, 5, 2, 1, 2]
 
 
@@ -34,7 +35,7 @@ def c_over_510(codes: list[int]) -> list[Duty]:
     return [(c, 510) for c in codes]
 
 
-@pytest.mark.parametrize("sync_latch", [0, 1], ids=["sync_ff", "sync_latch"])
+@FORMS
 def test_the_client_library_reads_codes_that_are_exact(simulator: str, sync_latch: int) -> None:
     x = [c_over_510([0, 1, 2, 127, 128]), c_over_510([254, 255, 100, 3, 37])]
     parameters = SMALL | {"ROWS": 2} | ({"SYNC_LATCH": 1} if sync_latch else {})
@@ -65,7 +66,6 @@ def test_every_status_bit_header_flag_and_pin_is_wired(simulator: str) -> None:
 
 
 PRESSED = [c_over_510([200, 100, 255, 0, 30])] * 4
-FORMS = pytest.mark.parametrize("sync_latch", [0, 1], ids=["sync_ff", "sync_latch"])
 
 
 @FORMS
