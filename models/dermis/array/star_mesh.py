@@ -467,8 +467,9 @@ def chain(lines, g_ground, lateral, step, end, sources, every, floor):  # type: 
             _links(work, links, out[r], room, lines, f, r, share[r], lateral)
             if r > 0:
                 for i in range(n):
+                    row, above = work[i * _STRIDE + links : i * _STRIDE + links + i], z[r - 1, i]
                     for j in range(i):
-                        work[i * _STRIDE + links + j] += step * z[r - 1, i, j] * step
+                        row[j] += step * above[j] * step
             _invert(work, inverse, half, z[r])
             for i in range(n):
                 current[TOGETHER, i] += to_driver[i]

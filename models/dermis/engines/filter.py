@@ -30,7 +30,7 @@ HONOURS, refuses = event.HONOURS, event.refuses
 
 Cells = tuple[NDArray[np.intp], ...]
 
-_VALUES_AT_ONCE = 1 << 14  # cells, as in engine event
+_VALUES_AT_ONCE = 1 << 15  # cells: what they need stays in a cache
 _MEMORY = 60.0  # time constants after which a mirror that was anywhere is where it goes, to 1e-17
 
 
