@@ -46,9 +46,9 @@ typedef int solve_t(double to, int n_edge, const int *source, const double *time
                     double *low, double *high);
 
 /* What the loop is given and tells; clock_loop.py has the same fields. Time 0 of the half is `before` units ago; `base`
-   units last `base_s` seconds. Steps towards a crossing begin with first_step_s and are never over `step_s`; without a clock the
-   HDL is met every `idle` units. The loop ends after `end` events, 0: never. Rows in `kept`: time and the first `samples` samples of
-   an event; with `trace` then a number for each word of the nets, as they are after it. */
+   units last `base_s` seconds. Steps towards a crossing begin with first_step_s and are never over `step_s`; without a
+   clock the HDL is met every `idle` units. The loop ends after `end` events, 0: never. Rows in `kept`: time and the
+   first `samples` samples of an event; with `trace` then a number for each word of the nets, as they are after it. */
 struct {
     solve_t *solve;
     tick_t before, base, settle, idle;
@@ -393,7 +393,8 @@ static PLI_INT32 on_crossing(p_cb_data data)
     if (!lp.running)
         return 0;
     lp.event_tick = ticks() + lp.near;
-    lp.callback = after(loop.settle + lp.near, look, NULL); /* before the outputs: in Icarus what waits for them runs at once */
+    /* before the outputs: in Icarus what waits for them runs at once */
+    lp.callback = after(loop.settle + lp.near, look, NULL);
     tell(true);
     return 0;
 }
@@ -466,7 +467,8 @@ static PLI_INT32 look(p_cb_data data)
     lp.callback = NULL;
     if (!lp.running)
         return 0;
-    for (const struct output *out = lp.output; !loop.end && out < lp.output + lp.n_output; out++) /* the chip's are its inputs */
+    /* a loop with an end has inputs of the top as outputs, which nothing else drives */
+    for (const struct output *out = lp.output; !loop.end && out < lp.output + lp.n_output; out++)
         if (!ours(out))
             return 0;
     for (struct net *net = lp.net; net < lp.net + lp.n_net; net++) {

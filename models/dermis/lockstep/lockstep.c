@@ -160,7 +160,7 @@ static double ulps(double t) { return 8.0 * 2.220446049250313e-16 * fmax(fabs(t)
 /* Times this close are one: a step between them would be near ngspice's smallest, 1e-11 of the largest. */
 static double tiny(void) { return 1e-10 * of->t_max_step; }
 
-/* The first time after t at which a source begins or ends its edge, and if one does at t. No step goes beyond such a time. */
+/* The first time after t at which a source begins or ends its edge, and if one does at t: no step goes beyond it. */
 static double next_corner(double t, bool *landed)
 {
     double next = HUGE_VAL;
@@ -233,8 +233,9 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         ls.t_corner = t;
     if (landed && !of->own_steps) {
         /* ngspice at most doubles a step, so after a ramp of 1 ns it would need eight steps for a clock period;
-           start instead with what was accepted at the same place last time, and let it be a little bolder. Gear's formula, which looks back two steps,
-           is unstable where a step is more than 1 + sqrt(2) times the last. */
+           start instead with what was accepted at the same place last time, and let it be a little bolder.
+           Gear's formula, which looks back two steps, is unstable where a step is more than 1 + sqrt(2) times
+           the last. */
         *delta = fmax(*delta, fmin(1.5 * ls.remembered[ls.kind], of->t_max_step));
     }
     if (of->growth > 0.0) /* transistors switch behind an edge: truncation control alone let a packet be 0.4 % off */
@@ -244,7 +245,8 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
     }
     if (of->accepted < 4) /* ngspice starts with backward Euler; be past it before the first edge */
         *delta = fmin(*delta, 0.2 * left);
-    if (*delta > left - (of->own_steps ? tiny() : 1e-3 * left)) /* a step that misses the corner by rounding would be halved for ever */
+    /* a step that misses the corner by rounding would be halved for ever */
+    if (*delta > left - (of->own_steps ? tiny() : 1e-3 * left))
         *delta = left;
     else if (1.9 * *delta > left)
         *delta = 0.5 * left;
@@ -356,7 +358,8 @@ int lockstep_open(struct circuit *next)
     if (!(ls.log = fopen(of->log_path, "a")))
         return fail("cannot write the log");
     for (int i = 0; i < of->n_source; i++)
-        ls.source[i] = (struct source){.from = of->levels[i], .to = of->levels[i], .t = -HUGE_VAL, .t_edge = of->t_edges[i]};
+        ls.source[i] = (struct source){.from = of->levels[i], .to = of->levels[i], .t = -HUGE_VAL,
+                                       .t_edge = of->t_edges[i]};
     for (int p = 0; p < of->n_probe; p++)
         ls.vector[p] = -1, ls.probe[p] = NAN;
     for (int k = 0; k < 3; k++)
@@ -385,8 +388,10 @@ int lockstep_open(struct circuit *next)
    is asked for by the first one. */
 static int wrong_name(const char *name) { return fail("%s", name), -3; }
 
-/* Solve up to time `to`, with those edges that begin after `after`, and unless it is a sample ahead of the rest, with all others. */
-static int solve(double after, double to, bool early, int n_edge, const int *edge_source, const double *edge_time, const double *edge_level)
+/* Solve up to time `to`, with those edges that begin after `after`, and unless it is a sample ahead of the rest, with all
+   others. */
+static int solve(double after, double to, bool early, int n_edge, const int *edge_source, const double *edge_time,
+                 const double *edge_level)
 {
     if (ls.state != READY && ls.state != RUNNING)
         return fail(ls.state == ENDED ? "the transient has ended" : "the circuit is not running");
@@ -401,7 +406,8 @@ static int solve(double after, double to, bool early, int n_edge, const int *edg
             return fail("an edge lies outside the interval");
         struct source *s = &ls.source[i];
         if (t < s->t + s->t_edge - ulps(t))
-            return fail("an edge begins before the last one of its source has ended: %.60s at %.9g s", of->source_names[i], t);
+            return fail("an edge begins before the last one of its source has ended: %.60s at %.9g s",
+                        of->source_names[i], t);
         s->from = level(s, t), s->to = edge_level[e], s->t = t;
         ls.ramp_begins = true;
     }
