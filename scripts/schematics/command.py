@@ -276,7 +276,7 @@ def drawn(work: Path, sheets: Path = SHEETS) -> dict[str, Subckt]:
     cells = (f"C {{{name}.sym}} {4000 * n} 0 0 0 {{name=x_{name}}}\n" for n, name in enumerate(names))
     work.mkdir(parents=True, exist_ok=True)
     (work / "all.sch").write_text("G {}\nV {}\nS {}\nE {}\n" + "".join(cells), encoding="utf-8")
-    settings = f"set XSCHEM_LIBRARY_PATH {{{sheets}:{sheets / 'symbols'}}}\nset netlist_dir {{{work}}}\n"
+    settings = f"set XSCHEM_LIBRARY_PATH {{{sheets}:{sheets / 'symbols'}}}\nset netlist_dir .\n"
     (work / "xschemrc").write_text(settings, encoding="utf-8")
     result = work / "all.spice"
     result.unlink(missing_ok=True)

@@ -22,7 +22,7 @@ def text() -> dict[str, Subckt]:
 
 @pytest.fixture(scope="module")
 def sheets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Subckt]:
-    return command.drawn(tmp_path_factory.mktemp("sheets"))
+    return command.drawn(tmp_path_factory.mktemp("all sheets"))
 
 
 def test_every_subcircuit_has_a_sheet_that_is_its_netlist(text, sheets):
