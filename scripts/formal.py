@@ -165,7 +165,7 @@ def run(
             raise InputError(f"{PLACE}/faults/{proof.name}.toml", fault.name, fault.old, allowed)
         sources[fault.module] = work / path.name
         sources[fault.module].write_text(text.replace(fault.old, fault.new))
-    job = _SOURCE.sub(lambda m: _from_place(sources[m[1]]), proof.job)
+    job = _SOURCE.sub(lambda m: from_place(sources[m[1]]), proof.job)
     if keep:
         kept = " ".join(f"{proof.check}/{label} %d" for label in keep)
         job = job.replace("\n[files]", f"chformal -assert -remove {proof.check}/* {kept}\n[files]")
@@ -178,7 +178,7 @@ def run(
     return run_sby(file, work, limit_s or proof.option("timeout"), task)
 
 
-def _from_place(path: Path) -> str:
+def from_place(path: Path) -> str:
     """Return a path from rtl/formal, where sby runs: its shell commands take no space, which the root may have."""
     return os.path.relpath(path, ROOT / PLACE)
 
@@ -187,7 +187,7 @@ def run_sby(job: Path, work: Path, limit_s: float, task: str = "") -> Outcome:
     """Run a job file of sby in `work`, within its limit; its paths are relative to rtl/formal."""
     command = [tool("yowasp-sby")]
     command += [word for option, path in tools().items() for word in (f"--{option}", shlex.quote(str(path)))]
-    command += ["-f", "-d", _from_place(work / "sby"), _from_place(job), *([task] if task else [])]
+    command += ["-f", "-d", from_place(work / "sby"), from_place(job), *([task] if task else [])]
     work.mkdir(parents=True, exist_ok=True)
     log = work / "sby.log"
     log.unlink(missing_ok=True)

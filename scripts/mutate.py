@@ -275,7 +275,8 @@ def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) ->
         (work / f"{side}.v").write_text(text)
     job = work / "equal.sby"
     given = {"names": [file.name for file in files], "parameters": block.parameters}
-    given["files"] = [work / "right.v", work / "wrong.v", *files, rtl / "dermis_design.vh"]
+    read = [work / "right.v", work / "wrong.v", *files, rtl / "dermis_design.vh"]
+    given["files"] = [formal.from_place(file) for file in read]
     job.write_text(templates.text("equal.sby", limit_s=EQUAL_LIMIT_S, multiclock=block.multiclock, **given))
     outcome = formal.run_sby(job, work / "equal", EQUAL_LIMIT_S)
     return {"PASS": True, "FAIL": False}.get(outcome.status)
