@@ -19,7 +19,6 @@ from pathlib import Path
 from dermis.chip.sources import read_verilog, rtl_sources
 from dermis.errors import SimulatorError
 from dermis.processes.children import run_logged
-from dermis.scene.design import ROOT
 from scripts.judged import tool
 from scripts.synth.cells import SYNTH, Technology, for_cells
 from scripts.synth.map import TOP, WORDS_TO_FLOPS, elaborate, run_yosys
@@ -151,12 +150,12 @@ def compare(gold: Path, gate: Path, aliases: Path, directory: Path) -> Proof:
     log.unlink(missing_ok=True)
     # AIGER keeps the order of inputs and outputs, which is equal on both sides, and has no names.
     # `&cec` takes 2 s where `cec` was not done in 10 minutes: 16x16 in sky130.
-    made = [directory / name for name in ("gold", "gate")]
-    for path in made:
-        path.with_suffix(".aig").unlink(missing_ok=True)
-    steps = [f"read_blif {path}.blif; strash; write_aiger {path}.aig" for path in made]
-    steps.append(f"&cec -C 100000 -T {int(PROOF_LIMIT_S)} {made[0]}.aig {made[1]}.aig")
-    run_logged([tool("berkeley-abc"), "-q", "; ".join(steps)], ROOT, log, PROOF_LIMIT_S + 60.0, "ABC")
+    for name in ("gold", "gate"):
+        (directory / f"{name}.aig").unlink(missing_ok=True)
+    # Run where the files are: ABC takes no path with a space.
+    steps = [f"read_blif {name}.blif; strash; write_aiger {name}.aig" for name in ("gold", "gate")]
+    steps.append(f"&cec -C 100000 -T {int(PROOF_LIMIT_S)} gold.aig gate.aig")
+    run_logged([tool("berkeley-abc"), "-q", "; ".join(steps)], directory, log, PROOF_LIMIT_S + 60.0, "ABC")
     said = log.read_text(errors="replace")
     proved = False if "NOT EQUIVALENT" in said else True if "Networks are equivalent" in said else None
     told = re.sub(r"\s+", " ", said).strip()[-300:]

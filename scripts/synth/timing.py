@@ -7,6 +7,7 @@ Liberty; wires have no resistance and clocks no skew.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,6 @@ from typing import NamedTuple
 
 from dermis.errors import SimulatorError
 from dermis.processes.children import run_logged
-from dermis.scene.design import ROOT
 from scripts import templates
 from scripts.judged import tool
 from scripts.synth.cells import SYNTH, Technology
@@ -109,6 +109,10 @@ class Timing:
     sdc: Path = SDC
     black_boxes: bool = False
 
+    def _near(self, path: Path) -> str:
+        """Return a path from where OpenSTA runs, which takes none with a space."""
+        return os.path.relpath(path, self.directory)
+
     def _run(self, name: str, periods: Mapping[str, float], reports: Sequence[str], *settings: str) -> str:
         """Return the reports of OpenSTA, then "setup check" and the list of pins without timing."""
         self.directory.mkdir(parents=True, exist_ok=True)
@@ -117,18 +121,18 @@ class Timing:
         known = {"early_derate": early, "late_derate": late, "driving_cell": self.technology.driver}
         text = templates.text(
             "sta.tcl",
-            liberty=liberty_with_wires(self.technology, self.corner, self.directory),
-            netlist=self.netlist,
+            liberty=self._near(liberty_with_wires(self.technology, self.corner, self.directory)),
+            netlist=self._near(self.netlist),
             top=TOP,
             periods=periods,
             settings=known | dict.fromkeys(settings, 1),
-            sdc=self.sdc,
+            sdc=self._near(self.sdc),
             reports=reports,
         )
         script.write_text(text)
         log.unlink(missing_ok=True)
-        command = [tool("sta", "opensta"), "-no_init", "-no_splash", "-exit", str(script)]
-        run_logged(command, ROOT, log, STA_LIMIT_S, "OpenSTA")
+        command = [tool("sta", "opensta"), "-no_init", "-no_splash", "-exit", script.name]
+        run_logged(command, self.directory, log, STA_LIMIT_S, "OpenSTA")
         said = log.read_text(errors="replace")
         # `untimed` judges the warnings of check_setup.
         for complaint in _COMPLAINT.findall(said.split("setup check")[0]):
