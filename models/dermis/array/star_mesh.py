@@ -95,14 +95,13 @@ def ladder(g, segment, to_driver, pass_on, seen):  # type: ignore
 
 
 @_compiled
-def _add_between(link, g, pass_on, seen, beside):  # type: ignore
-    """Add what a bent row line joins to the lower triangle of `link`; `beside` [n] is room to work in."""
-    for j in range(g.size):
-        row, kept, own = link[j], pass_on[j], g[j]
-        for i in range(j):
-            beside[i] *= kept
-            row[i] += beside[i] * own
-        beside[j] = own * seen[j]
+def _join(row, beside, j, g, pass_on, seen):  # type: ignore
+    """Add to `row` what a bent row line joins node j with the nodes before; `beside` [n] goes from node to node."""
+    kept, own = pass_on[j], g[j]
+    for i in range(j):
+        beside[i] *= kept
+        row[i] += beside[i] * own
+    beside[j] = own * seen[j]
 
 
 @_compiled
@@ -112,7 +111,8 @@ def add_between(link, lines):  # type: ignore
     beside = np.empty(n)
     for f in range(frames):
         for r in range(rows):
-            _add_between(link[f], lines.g[f, r], lines.pass_on[f, r], lines.seen[f, r], beside)
+            for j in range(n):
+                _join(link[f, j], beside, j, lines.g[f, r], lines.pass_on[f, r], lines.seen[f, r])
         for j in range(n):
             for i in range(j):
                 link[f, i, j] = link[f, j, i]
@@ -374,21 +374,25 @@ def _links(work, first, out, beside, lines, f, r, share, lateral):  # type: igno
     """
     to_driver = lines.to_driver[f, r]
     g, pass_on, seen = lines.g[f, r], lines.pass_on[f, r], lines.seen[f, r]
-    beside[:] = 0.0
     for j in range(out.size):
         row = work[j * _STRIDE + first : j * _STRIDE + first + j]
-        through, kept, own = share[j], pass_on[j], g[j]
         for i in range(j):
-            beside[i] *= kept
-            row[i] = to_driver[i] * through + beside[i] * own
-            out[i] += row[i]
-        out[j] += _sum(row)
+            row[i] = to_driver[i] * share[j]
         if lines.bent:
-            beside[j] = own * seen[j]
+            _join(row, beside, j, g, pass_on, seen)
         if j > 0:
             row[j - 1] += lateral
-            out[j - 1] += lateral
-            out[j] += lateral
+        for i in range(j):
+            out[i] += row[i]
+        out[j] += _sum(row)
+
+
+@_compiled
+def _scale(out, factor, v):  # type: ignore
+    """Write factor * v into `out`, element by element: numba compiles an assignment of arrays for two seconds."""
+    for q in range(v.shape[0]):
+        for i in range(v.shape[1]):
+            out[q, i] = factor * v[q, i]
 
 
 class Chain(NamedTuple):
@@ -452,9 +456,10 @@ def chain(lines, g_ground, lateral, step, end, sources, every, floor):  # type: 
         for r in range(rows):
             to_driver, known = lines.to_driver[f, r], ROWS + r + 1
             node[f, r] = g_ground[r] + _sum(to_driver)
-            for q in range(known):
-                for i in range(n):
-                    current[q, i] = step * v[r - 1, q, i] if r > 0 and q < known - 1 else 0.0
+            if r > 0:
+                _scale(current, step, v[r - 1, :known])
+            else:
+                current[:known] = 0.0
             for i in range(n):
                 share[r, i] = to_driver[i] / node[f, r] if node[f, r] > 0.0 else 0.0
                 leak[r, i] = g_ground[r] * share[r, i]
@@ -477,7 +482,7 @@ def chain(lines, g_ground, lateral, step, end, sources, every, floor):  # type: 
                 current[ROWS + r, i] = to_driver[i]
             np.dot(current[:known], z[r], v[r, :known])
             v[r, known:] = 0.0
-            for q in range(r + 1):
+            for q in range(0 if every else r + 1):
                 for i in range(n):
                     room[i] = current[ROWS + q, i] * v[r, ROWS + q, i]
                 power[q] += _sum(room)
@@ -487,9 +492,7 @@ def chain(lines, g_ground, lateral, step, end, sources, every, floor):  # type: 
         # Upwards: what the rows below add.
         upwards = drives if every else MEASURE + 1
         for r in range(rows - 2, -1, -1):
-            for q in range(upwards):
-                for i in range(n):
-                    current[q, i] = step * v[r + 1, q, i]
+            _scale(current, step, v[r + 1, :upwards])
             np.dot(current[:upwards], z[r], added[:upwards])
             for q in range(upwards):
                 for i in range(n):
@@ -497,21 +500,22 @@ def chain(lines, g_ground, lateral, step, end, sources, every, floor):  # type: 
         for q in range(drives):
             for i in range(n):
                 last[f, q, i] = v[rows - 1, q, i]
+        if every:
+            _leaves(away[f], v, leak, end)
         for r in range(rows):
             if every:
                 for i in range(n):
                     room[i] = lines.to_driver[f, r, i] * v[r, ROWS + r, i]
                 power[r] = _sum(room)
             lift[f, r] = power[r] / node[f, r] if node[f, r] > 0.0 else 0.0
-            away[f, ROWS + r] = max(_sum(lines.to_driver[f, r]) - g_ground[r] * lift[f, r], 0.0)
+            if not every:
+                away[f, ROWS + r] = max(_sum(lines.to_driver[f, r]) - g_ground[r] * lift[f, r], 0.0)
             for i in range(n):
                 largest[f] = max(largest[f], v[r, MEASURE, i])
-        for q in range(sources):
+        for q in range(0 if every else sources):
             for i in range(n):
                 # What the last row sees of the rows above, and its own leak, is still there.
                 away[f, first + q] += current[LEAKS, i] * last[f, first + q, i]
-        if every:
-            _leaves(away[f], v, leak, end)
         missed, most, relative = _misses(
             v[:, : drives if every else 1], out, leak, lines, f, share, lateral, step, end, floor
         )
