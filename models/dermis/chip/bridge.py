@@ -220,8 +220,8 @@ class Bridge:
         # Nets move at rising edges, and with the latch at falling ones; this is a falling edge.
         settle = (self._half_ps + int(self._sync_latch)) * self._per_ps
         times = {"base": 2 * self._half_ps * self._per_ps, "base_s": 1.0 / timing.f_clk_hz, "settle": settle}
-        samples = max(self._samples, trace * self._cols)
-        loop.arm(half, **times, before=settle, end=clocks, samples=samples, trace=trace)
+        kept = max(self._samples, trace * self._cols)
+        loop.arm(half, **times, before=settle, end=clocks, samples=kept, trace=trace)
         await Timer(2, unit="ps")  # from here on after the loop's look at a clock
         for slot in range(slots):
             wait = timing.slot_clocks - (0 if slot else timing.break_clocks)

@@ -231,12 +231,16 @@ class Cosim:
                 break
             await Timer(1, unit="step")
         one = len(periods) == 1  # which may have any period
-        times = {"base": longest if one else 1, "base_s": max(self._clocks.values()) if one else unit}
-        times |= {"settle": settle, "both_edges": self._both_edges, "step_s": self._step_s}
-        times |= {
-            "first_step_s": 0.125 * min((d.edge_s for d in self._inputs.values()), default=self._step_s)
+        shortest_s = min((drive.edge_s for drive in self._inputs.values()), default=self._step_s)
+        times = {
+            "base": longest if one else 1,
+            "base_s": max(self._clocks.values()) if one else unit,
+            "settle": settle,
+            "both_edges": self._both_edges,
+            "step_s": self._step_s,
+            "first_step_s": 0.125 * shortest_s,
+            "idle": math.ceil(IDLE_STEPS * self._step_s / unit),
         }
-        times |= {"idle": math.ceil(IDLE_STEPS * self._step_s / unit)}
         half = self._circuit(loop.levels())
         at_end.callback(half.close)
         at_end.callback(loop.stop)

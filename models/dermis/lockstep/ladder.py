@@ -40,23 +40,19 @@ class Rung:
 
 
 # optran: Newton first (or not), gmin steps, source steps, step, length and supply ramp of a hidden transient (0: none).
+# In that of `ramp` supplies rise in 10 us and rest for 90 us.
 START = (
     Rung("newton", optran="optran 1 0 0 0 0 0"),
     Rung("gmin_stepping", optran="optran 1 1 0 0 0 0"),
     Rung("source_stepping", optran="optran 1 0 1 0 0 0"),
-    Rung(
-        "ramp", optran="optran 0 0 0 1e-07 0.0001 1e-05", guess=True
-    ),  # supplies rise in 10 us and rest for 90 us
+    Rung("ramp", optran="optran 0 0 0 1e-07 0.0001 1e-05", guess=True),
 )
 """Ways to an operating point, in the order in which they are tried."""
 
 # Truncation control stays as the deck has it. A deck without a pole has it off (netlist.py): switched on, it looks at
 # the node capacitors too, to reltol 1e-6 of chgtol, 1e-20 C, and no step passes an edge of an ideal comparator.
-STEPS = (
-    Rung("plain"),
-    Rung("capacitance", "cshunt=1e-16"),
-    Rung("gear", "cshunt=1e-16 method=gear maxord=2"),
-)
+_NODES = "cshunt=1e-16"
+STEPS = (Rung("plain"), Rung("capacitance", _NODES), Rung("gear", f"{_NODES} method=gear maxord=2"))
 """Ways to step, in the order of trials; none loosens a tolerance (docs/ladder.md)."""
 
 
