@@ -2,8 +2,8 @@
 """Coupling of the columns of the direct interface through virtual grounds of finite gain.
 
 Charge that stands in an integrator of finite gain lifts its virtual ground, and what the ground
-gives duty_range to flows through the array into the others. Engine event has each column feel the mean of
-the others' charge over a gate; what that leaves open is bounded in counts, and refused by name
+gives way to flows through the array into the others. Engine event lets each column feel the mean of
+the others' charge over a gate; what that leaves out is bounded in counts, and refused by name
 beyond one (docs/event.md).
 """
 
@@ -85,7 +85,7 @@ def coupling(plan: Plan, g: Floats, x: Floats, duty_range: DutyRange | None = No
 
     A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is
     what matters. It is that of the count formula's machine at the duty that the coupling leaves,
-    found by repetition; a plan where that has not settled to a count, or where the duty_range to that mean
+    found by repetition; a plan where that has not settled to a count, or where what differs from that mean
     could move a code by more, is refused (InputError). `duty_range` is for duties that change within a gate; x is their
     mean then.
     """
@@ -150,7 +150,7 @@ class _Columns:
         # What a packet a clock more brings back, as long as it sends no packet away.
         slope = 0.5 * self.clocks * self._per_clock + self._per_swing
         self._closely = np.abs(matrix * slope).sum(axis=-1).max(axis=2)[..., np.newaxis] > _CLOSE
-        # Counts by which what a column loses to its own taxels changes on the duty_range.
+        # Counts by which what a column loses to its own taxels changes within the gate.
         self._drift = np.zeros(1)
         links = np.abs(matrix)
         if duty_range is not None and duty_range.g_behind is not None:
@@ -318,10 +318,10 @@ def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
         current = x - 1.0 if before else x
         then = w + current
         stop = min(max(then, low), high)
-        # Part of the clock until it stops. Compilers divide either duty_range: never nothing by nothing.
-        duty_range = abs(stop - w) / max(abs(current), 1e-300)
-        duty_range = duty_range if stop != then else 1.0
-        total += 0.5 * (w + stop) * duty_range + stop * (1.0 - duty_range)
+        # Part of the clock until it stops. Compiled code divides in either case: never nothing by nothing.
+        part = abs(stop - w) / max(abs(current), 1e-300)
+        part = part if stop != then else 1.0
+        total += 0.5 * (w + stop) * part + stop * (1.0 - part)
         # Roundings of a sum of charges do not decide.
         w, before, now = stop, now, stop >= level - 1e-9 and not now
     return total / clocks, w

@@ -181,16 +181,16 @@ def noise_rows(
 
 
 class Rows(NamedTuple):
-    """Arguments of converter.walk_loops.walk for n cells; None is off."""
+    """Arguments of converter.walk_loops.walk for n cells."""
 
     slow: Floats
     fast: Floats | None
-    latch: Floats | None
-    early: Floats | None
+    latch: Floats
+    early: Floats
     rise: Floats
-    window: Floats | None
-    limits: Floats | None
-    lag: Floats | None
+    fall: Floats
+    limits: Floats
+    lag: Floats
 
 
 def rows_of(cells: Cells, charge_delay: float) -> Rows:
@@ -210,21 +210,11 @@ def rows_of(cells: Cells, charge_delay: float) -> Rows:
     if lags and not lag.all():
         raise ValueError("the output of some cells lags and of others does not")
     slow, fast = np.empty((8, count)), np.empty((8, count if lags else 0))
-    latch = np.empty((2, count if charge_delay < 1.0 else 0))
-    early = np.empty((6, count if flat["delay"].any() else 0))
+    latch, early = np.empty((2, count)), np.empty((6, count))
     taken = (flat[name] for name in ("w0", "packet", "leak", "across", "delay", "lag"))
     walk_loops.modes(*taken, charge_delay, slow, fast, latch, early)
-    bounded = np.isfinite(flat["low"]).any() or np.isfinite(flat["high"]).any()
-    return Rows(
-        slow=slow,
-        fast=fast if lags else None,
-        latch=latch if latch.size else None,
-        early=early if early.size else None,
-        rise=flat["rise"],
-        window=flat["fall"] if (flat["fall"] != flat["rise"]).any() else None,
-        limits=np.stack([flat["low"], flat["high"]]) if bounded else None,
-        lag=lag if lags else None,
-    )
+    limits = np.stack([flat["low"], flat["high"]])
+    return Rows(slow, fast if lags else None, latch, early, flat["rise"], flat["fall"], limits, lag)
 
 
 def count_cells(
@@ -268,10 +258,16 @@ def walk_cells(
     """Count cells begin..stop-1 of `rows`; x and the rest as for converter.walk_loops.walk."""
     of, keys = (None, None) if draws is None else draws
     step = None if of is None else walk_loops.grid_step(of[walk_loops.SIGMA], clocks)
+    # Without noise, a window and a range a clock is one step, and none is looked at again.
+    limits = rows.limits
+    if of is None and (rows.rise == rows.fall).all() and np.isinf(limits).all():
+        limits = None
+    early = rows.early
+    if limits is None and (early[walk_loops.POINT] == 1.0).all():
+        early = None
     walk_loops.walk(
-        clocks, late, x, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window,
-        rows.limits, rows.lag, of, None if keys is None else keys.ravel(), step, begin, stop,
-        counts, end,
+        clocks, late, x, rows.slow, rows.fast, rows.latch, early, rows.rise, rows.fall, limits, rows.lag,
+        of, None if keys is None else keys.ravel(), step, begin, stop, counts, end,
     )  # fmt: skip
     _check_charge(end[begin:stop])
 

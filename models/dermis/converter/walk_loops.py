@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The compiled loops of the event engine: charge balance of many cells at once, clock by clock.
 
-An effect that is off is passed as None. numba compiles a loop for each combination of types it
-meets and removes what stands behind `is not None` before it looks at the rest, so no compiled loop
-tests for an effect that is off, reads its parameters or draws its numbers. It does so for arguments
-alone, not for fields of a record: hence their number.
+A loop is compiled for each combination of arguments that are None: noise, a lagging output, and what
+makes a clock more than one step (a window of the comparator, a range of the charge). numba removes
+what stands behind `is not None`, for arguments alone and not for fields of a record: hence their
+number. Every other effect that is off has the number that does nothing.
 
 Cells run side by side (the inner loop is over cells and becomes vector instructions), because a
 cell by itself waits for the result of its own last clock. Cells in a special state (a decision
@@ -42,8 +42,8 @@ SIGMA, WHITE, SLOPE, APERTURE = range(4)
 # Levels and lag; a charge outside NEAR_LOW..NEAR_HIGH is looked at closely. Eight deviations of a sample; the sample
 # without noise; the path on its grid and its step a clock; outputs between which noise can decide, and the charge a
 # clock up to which the next sample may be there as well.
-(RISE, FALL, FOLLOWS, NEAR_LOW, NEAR_HIGH) = range(41 * BLOCK, 46 * BLOCK, BLOCK)
-(REST, SAMPLE, DRIFT, CREEP, LOWEST, HIGHEST, STAY, PLACES) = range(46 * BLOCK, 54 * BLOCK, BLOCK)
+(RISE, FALL, FOLLOWS, NEAR_LOW, NEAR_HIGH, LEAST, MOST) = range(41 * BLOCK, 48 * BLOCK, BLOCK)
+(REST, SAMPLE, DRIFT, CREEP, LOWEST, HIGHEST, STAY, PLACES) = range(48 * BLOCK, 56 * BLOCK, BLOCK)
 
 # Charge a clock up to which a limit is seen inside a clock too; more ends at the limit anyway.
 SLOPE_MAX = 2.0
@@ -135,24 +135,22 @@ def modes(w0, packet, leak, across, delay, lag, late, slow, fast, latch, early):
             _mode(slow, i, -leak[i], 1.0, 1.0, packet[i], late)
             slow[START, i] = w0[i]
         other = fast if fast.size > 0 else slow
-        if latch.size > 0:
-            for k in range(2):
-                of = slow if k == 0 else other
-                latch[k, i] = packet[i] * of[DRIVE, i] * _grow(of[RATE, i], 1.0 - late)
-        if early.size > 0:
-            sample = 1.0 - delay[i]
-            behind = max(sample - late, 0.0)
-            whole = slow[DRIVE, i] * _grow(slow[RATE, i], sample)
-            last = slow[DRIVE, i] * _grow(slow[RATE, i], behind)
-            if fast.size > 0:
-                whole += fast[DRIVE, i] * _grow(fast[RATE, i], sample)
-                last += fast[DRIVE, i] * _grow(fast[RATE, i], behind)
-            early[KEEP_SLOW, i] = math.exp(slow[RATE, i] * sample)
-            early[KEEP_FAST, i] = math.exp(other[RATE, i] * sample)
-            early[GAIN_EARLY, i] = whole
-            early[TAKE_EARLY, i] = packet[i] * (whole - last)
-            early[TAKE_EARLY_LAST, i] = packet[i] * last
-            early[POINT, i] = sample
+        for k in range(2):
+            of = slow if k == 0 else other
+            latch[k, i] = packet[i] * of[DRIVE, i] * _grow(of[RATE, i], 1.0 - late)
+        sample = 1.0 - delay[i]
+        behind = max(sample - late, 0.0)
+        whole = slow[DRIVE, i] * _grow(slow[RATE, i], sample)
+        last = slow[DRIVE, i] * _grow(slow[RATE, i], behind)
+        if fast.size > 0:
+            whole += fast[DRIVE, i] * _grow(fast[RATE, i], sample)
+            last += fast[DRIVE, i] * _grow(fast[RATE, i], behind)
+        early[KEEP_SLOW, i] = math.exp(slow[RATE, i] * sample)
+        early[KEEP_FAST, i] = math.exp(other[RATE, i] * sample)
+        early[GAIN_EARLY, i] = whole
+        early[TAKE_EARLY, i] = packet[i] * (whole - last)
+        early[TAKE_EARLY_LAST, i] = packet[i] * last
+        early[POINT, i] = sample
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -265,94 +263,71 @@ def _copy(cells, place, c, rows, i):  # type: ignore
 
 
 @_part
-def _load(cells, c, i, slow, fast, latch, early, rise, window):  # type: ignore
-    """Begin with cell i at place c."""
+def _load(cells, c, i, late, slow, fast, latch, early, rise, fall, limits, lag):  # type: ignore
+    """Begin with cell i at place c.
+
+    The charge may turn between two points by less than lag times a slope, and be farther out where a
+    packet begins inside a clock than at either edge: its range is met within that of both edges. Where it
+    goes one way through a clock, its end is bounded alike, and LEAST and MOST keep it there.
+    """
     cells[Q1 + c] = cells[Q2 + c] = cells[Q3 + c] = cells[ONES + c] = 0.0
     _copy(cells, KEEP_A, c, slow, i)
-    cells[A + c], cells[AT + c] = cells[START_A + c], 1.0
-    output = cells[A + c]
+    _copy(cells, HALF_A, c, latch, i)
+    if early is not None:
+        _copy(cells, EARLY_A, c, early, i)
+    cells[A + c], cells[RISE + c], cells[FALL + c] = cells[START_A + c], rise[i], fall[i]
+    output, inside = cells[A + c], 0.0
     if fast is not None:
         _copy(cells, KEEP_B, c, fast, i)
         cells[B + c] = cells[START_B + c]
         output += cells[B + c]
-    if latch is not None:
-        _copy(cells, HALF_A, c, latch, i)
-    if early is not None:
-        _copy(cells, EARLY_A, c, early, i)
-    cells[RISE + c] = cells[FALL + c] = rise[i]
-    if window is not None:
-        cells[FALL + c] = window[i]
-        cells[UP + c] = 1.0 if output >= rise[i] else 0.0
-
-
-@_part
-def _load_limits(cells, c, i, fast, latch, limits, lag):  # type: ignore
-    """Load the range of the charge.
-
-    The charge may turn between two points by less than lag times a slope, and be farther out where a
-    packet begins inside a clock than at either edge.
-    """
-    _copy(cells, LOW, c, limits, i)
-    inside = 0.0
-    if fast is not None:
         cells[FOLLOWS + c] = lag[i]
         inside = lag[i] * (SLOPE_MAX + cells[PACKET_A + c])
-    cells[NEAR_LOW + c], cells[NEAR_HIGH + c] = limits[0, i] + inside, limits[1, i] - inside
-    if latch is not None:
-        cells[NEAR_LOW + c] += SLOPE_MAX
-        cells[NEAR_HIGH + c] -= cells[PACKET_A + c]
+    if limits is not None:
+        _copy(cells, LOW, c, limits, i)
+        cells[UP + c] = 1.0 if output >= rise[i] else 0.0
+        cells[NEAR_LOW + c], cells[NEAR_HIGH + c] = limits[0, i] + inside, limits[1, i] - inside
+        cells[LEAST + c], cells[MOST + c] = -np.inf, np.inf
+        if late < 1.0:
+            cells[NEAR_LOW + c] += SLOPE_MAX
+            cells[NEAR_HIGH + c] -= cells[PACKET_A + c]
+        elif fast is None:
+            cells[LEAST + c], cells[MOST + c] = limits[0, i], limits[1, i]
 
 
 @_part
-def _load_noise(cells, c, i, fast, latch, window, lag, noise, step):  # type: ignore
+def _load_noise(cells, c, i, late, fast, lag, noise, step):  # type: ignore
     """Load how far noise may move the output of a cell, on a path laid out every `step` clocks."""
     _copy(cells, PATH, c, noise, i)
     # Eight standard deviations: beyond them a decision is wrong once in 1e15.
     cells[REST + c] = 8.0 * math.hypot(noise[WHITE, i], noise[SLOPE, i]) + noise[APERTURE, i]
     reach = 4.0 * noise[SIGMA, i] * math.sqrt(step) + cells[REST + c]
     cells[HIGHEST + c], cells[LOWEST + c] = cells[RISE + c] + reach, cells[FALL + c] - reach
-    if window is not None:
-        # A clock takes the output farther than this, unless it follows late or a packet begins inside.
-        cells[STAY + c] = 2.0 * (cells[HIGHEST + c] - cells[LOWEST + c]) / cells[AT + c]
-        if fast is not None:
-            if lag[i] > SWIFT:
-                cells[STAY + c] = np.inf
-        if latch is not None:
+    # A clock takes the output farther than this, unless it follows late or a packet begins inside. Without a
+    # window the comparator has no state to keep.
+    cells[STAY + c] = 2.0 * (cells[HIGHEST + c] - cells[LOWEST + c]) / cells[AT + c]
+    if late < 1.0:
+        cells[STAY + c] = np.inf
+    if fast is not None:
+        if lag[i] > SWIFT:
             cells[STAY + c] = np.inf
+    if cells[FALL + c] == cells[RISE + c]:
+        cells[STAY + c] = -1.0
 
 
 @_part
-def _within(value, cells, c, fast, latch, limits):  # type: ignore
-    """Keep an output in its range where the charge goes one way through a clock: its end is then bounded alike."""
-    if limits is not None:
-        if fast is None:
-            if latch is None:
-                value = value if value > cells[NEAR_LOW + c] else cells[NEAR_LOW + c]
-                value = value if value < cells[NEAR_HIGH + c] else cells[NEAR_HIGH + c]
-    return value
-
-
-@_part
-def _sample(cells, c, output, fast, latch, early, limits):  # type: ignore
-    """Output that the comparator sees in a clock that ends with `output`."""
-    sample = output
-    if early is not None:
-        sample = cells[EARLY_A + c] * cells[A + c] + cells[EARLY_X + c] * cells[X + c]
-        sample -= cells[EARLY_2 + c] * cells[Q2 + c]
-        if latch is not None:
-            sample -= cells[EARLY_1 + c] * cells[Q1 + c]
-        if fast is not None:
-            sample += cells[EARLY_B + c] * cells[B + c]
-        sample = _within(sample, cells, c, fast, latch, limits)
-    return sample
+def _within(cells, c, value):  # type: ignore
+    """Keep an output in its range."""
+    value = value if value > cells[LEAST + c] else cells[LEAST + c]
+    return value if value < cells[MOST + c] else cells[MOST + c]
 
 
 @_part
 def _charge(cells, c, a, b, fast):  # type: ignore
     """Return the charge that belongs to both parts of an output."""
-    w = cells[WEIGHT_A + c] * a
+    w = a
     if fast is not None:
-        w += cells[WEIGHT_B + c] * b
+        w = cells[WEIGHT_A + c] * a + cells[WEIGHT_B + c] * b
     return w
 
 
@@ -365,64 +340,55 @@ def _stays(cells, c):  # type: ignore
 
 
 @_part
-def _decision(cells, c, sample, output, early, window, noise):  # type: ignore
-    """Return whether a clock gives a one, and whether noise or the window of the comparator may change that."""
-    may_rise = cells[Q1 + c] == 0.0
-    if noise is not None:
-        cells[SAMPLE + c] = sample
-        cells[DRIFT + c] += cells[CREEP + c]
-        moved = sample + cells[DRIFT + c]
-        mark = (moved >= cells[LOWEST + c]) & (moved < cells[HIGHEST + c])
-        if window is None:
-            mark = mark & may_rise
-        else:
-            # The comparator's state at the end of the clock matters where the next sample may be near.
-            stays = _stays(cells, c)
-            mark = mark & (may_rise | stays)
-            if early is not None:
-                moved_end = output + cells[DRIFT + c]
-                mark = mark | (stays & (moved_end >= cells[LOWEST + c]) & (moved_end < cells[HIGHEST + c]))
-        return (moved >= cells[RISE + c]) & may_rise, mark
-    mark = False
-    if window is not None:
-        mark = (sample >= cells[FALL + c]) & (sample < cells[RISE + c])
-        if early is not None:
-            mark = mark | ((output >= cells[FALL + c]) & (output < cells[RISE + c]))
-    return (sample >= cells[RISE + c]) & may_rise, mark
+def _marked(cells, c, sample, a, b, fast, noise):  # type: ignore
+    """Whether noise, the window of the comparator or the range may change a clock that ends with a and b, and the
+    sample and the output, with the noise that is known already.
+    """
+    w = _charge(cells, c, a, b, fast)
+    mark = (w < cells[NEAR_LOW + c]) | (w > cells[NEAR_HIGH + c])
+    if noise is None:
+        low, high, end = cells[FALL + c], cells[RISE + c], a + b
+        return mark | ((sample >= low) & (sample < high)) | ((end >= low) & (end < high)), sample, end
+    low, high = cells[LOWEST + c], cells[HIGHEST + c]
+    cells[SAMPLE + c] = sample
+    cells[DRIFT + c] += cells[CREEP + c]
+    moved, end = sample + cells[DRIFT + c], a + b + cells[DRIFT + c]
+    # The comparator's state at the end of the clock matters where the next sample may be near.
+    stays = _stays(cells, c)
+    mark = mark | ((moved >= low) & (moved < high) & ((cells[Q1 + c] == 0.0) | stays))
+    return mark | (stays & (end >= low) & (end < high)), moved, end
 
 
 @_part
-def _clock(cells, marks, c, fast, latch, early, window, limits, noise):  # type: ignore
+def _clock(cells, marks, c, fast, early, limits, noise):  # type: ignore
     """Take a cell through one clock; where its decision is not known for certain, mark it."""
-    a, b, x = cells[A + c], cells[B + c], cells[X + c]
-    new_a, new_b = cells[KEEP_A + c] * a + cells[GAIN_A + c] * x - cells[TAKE_A + c] * cells[Q2 + c], 0.0
-    if latch is not None:
-        new_a -= cells[HALF_A + c] * cells[Q1 + c]
-    new_a = _within(new_a, cells, c, fast, latch, limits)
-    output = new_a
-    if fast is not None:
-        new_b = cells[KEEP_B + c] * b + cells[GAIN_B + c] * x - cells[TAKE_B + c] * cells[Q2 + c]
-        if latch is not None:
-            new_b -= cells[HALF_B + c] * cells[Q1 + c]
-        output = new_a + new_b
-    sample = _sample(cells, c, output, fast, latch, early, limits)
-    one, mark = _decision(cells, c, sample, output, early, window, noise)
+    a, b, x, q1, q2 = cells[A + c], cells[B + c], cells[X + c], cells[Q1 + c], cells[Q2 + c]
+    new_a = cells[KEEP_A + c] * a + cells[GAIN_A + c] * x - cells[TAKE_A + c] * q2 - cells[HALF_A + c] * q1
+    new_b = 0.0
     if limits is not None:
-        w = _charge(cells, c, new_a, new_b, fast)
-        mark = mark | (w < cells[NEAR_LOW + c]) | (w > cells[NEAR_HIGH + c])
-    if window is not None:
-        moved_end = output
-        if noise is not None:
-            moved_end = output + cells[DRIFT + c]
-        cells[WAS_UP + c] = cells[UP + c]
-        cells[UP + c] = 1.0 if moved_end >= cells[RISE + c] else 0.0
-    if noise is not None or window is not None or limits is not None:
-        marks[c] = mark
-    if window is not None or limits is not None:
-        cells[OLD_A + c], cells[Q3 + c] = a, cells[Q2 + c]
+        new_a = _within(cells, c, new_a)
+    if fast is not None:
+        new_b = (
+            cells[KEEP_B + c] * b + cells[GAIN_B + c] * x - cells[TAKE_B + c] * q2 - cells[HALF_B + c] * q1
+        )
+    sample = new_a + new_b
+    if early is not None:
+        sample = (
+            cells[EARLY_A + c] * a
+            + cells[EARLY_X + c] * x
+            - cells[EARLY_2 + c] * q2
+            - cells[EARLY_1 + c] * q1
+        )
         if fast is not None:
-            cells[OLD_B + c] = b
-    cells[Q2 + c] = cells[Q1 + c]
+            sample += cells[EARLY_B + c] * b
+    if limits is not None:
+        sample = _within(cells, c, sample)
+        marks[c], sample, end = _marked(cells, c, sample, new_a, new_b, fast, noise)
+        cells[WAS_UP + c] = cells[UP + c]
+        cells[UP + c] = 1.0 if end >= cells[RISE + c] else 0.0
+        cells[OLD_A + c], cells[OLD_B + c], cells[Q3 + c] = a, b, q2
+    one = (sample >= cells[RISE + c]) & (q1 == 0.0)
+    cells[Q2 + c] = q1
     cells[Q1 + c] = 1.0 if one else 0.0
     cells[ONES + c] += cells[Q1 + c]
     cells[A + c] = new_a
@@ -431,17 +397,15 @@ def _clock(cells, marks, c, fast, latch, early, window, limits, noise):  # type:
 
 
 @_part
-def _noise_of(cells, grid, n, step, c, inside, early, window, key):  # type: ignore
+def _noise_of(cells, grid, n, step, c, inside, key):  # type: ignore
     """Draw the noise of a marked clock: (that of the charge, that of the sample alone)."""
     top, bottom, rest = cells[RISE + c], cells[FALL + c], cells[REST + c]
     left = (n + 1) // step
     right = left if left * step == n + 1 else left + 1
     low = high = cells[SAMPLE + c]
-    if window is not None:
-        if early is not None:
-            if _stays(cells, c):
-                output = cells[A + c] + cells[B + c]
-                low, high = min(low, output), max(high, output)
+    if _stays(cells, c):
+        output = cells[A + c] + cells[B + c]
+        low, high = min(low, output), max(high, output)
     if not inside:
         # A charge that stops at its range is not where it would be: what decides is not known yet.
         low, high = -np.inf, np.inf
@@ -459,49 +423,42 @@ def _noise_of(cells, grid, n, step, c, inside, early, window, key):  # type: ign
 
 
 @_part
-def _pieces(cells, late, c, of_charge, of_sample, state, fast, limits):  # type: ignore
+def _pieces(cells, late, c, of_charge, of_sample, state, fast):  # type: ignore
     """Take a cell through its last clock again, piece by piece, as `_closely` does."""
-    part_b, slowness, low, high = (0.0, 0.0, 0.0), 1.0, -np.inf, np.inf
+    part_b, slowness = (0.0, 0.0, 0.0), 1.0
     if fast is not None:
         part_b, slowness = (cells[RATE_B + c], cells[DRIVE_B + c], cells[WEIGHT_B + c]), cells[FOLLOWS + c]
-    if limits is not None:
-        low, high = cells[LOW + c], cells[HIGH + c]
     return _closely(
         (cells[RATE_A + c], cells[DRIVE_A + c], cells[WEIGHT_A + c]), part_b, cells[OLD_A + c], cells[OLD_B + c],
         slowness, cells[X + c], cells[PACKET_A + c], cells[Q3 + c], cells[Q2 + c], late, cells[AT + c],
-        cells[RISE + c] - of_charge, cells[FALL + c] - of_charge, of_sample, low, high, state,
+        cells[RISE + c] - of_charge, cells[FALL + c] - of_charge, of_sample, cells[LOW + c], cells[HIGH + c], state,
     )  # fmt: skip
 
 
 @_part
-def _decide_again(cells, grid, n, step, late, c, i, fast, early, window, limits, noise, keys):  # type: ignore
+def _decide_again(cells, grid, n, step, late, c, i, fast, noise, keys):  # type: ignore
     """Decide a marked clock with its noise, its range and the state of its comparator."""
-    inside, clear, seen, state = True, False, False, False
-    of_charge, of_sample, moved, active = 0.0, 0.0, 0.0, cells[RISE + c]
-    if limits is not None:
-        w = _charge(cells, c, cells[A + c], cells[B + c], fast)
-        inside = cells[NEAR_LOW + c] <= w <= cells[NEAR_HIGH + c]
-    if window is not None:
-        state = cells[WAS_UP + c] != 0.0
-        active = cells[FALL + c] if state else active
+    clear, seen, of_charge, of_sample, moved = False, False, 0.0, 0.0, 0.0
+    w = _charge(cells, c, cells[A + c], cells[B + c], fast)
+    inside = cells[NEAR_LOW + c] <= w <= cells[NEAR_HIGH + c]
+    state = cells[WAS_UP + c] != 0.0
+    active = cells[FALL + c] if state else cells[RISE + c]
     if noise is not None:
-        of_charge, of_sample = _noise_of(cells, grid, n, step, c, inside, early, window, keys[i])
+        of_charge, of_sample = _noise_of(cells, grid, n, step, c, inside, keys[i])
         moved = cells[SAMPLE + c] + of_charge + of_sample
-        seen, clear = moved >= cells[RISE + c], inside
-        if window is not None:
-            end = cells[A + c] + cells[B + c] + of_charge
-            clear = inside and (seen or moved < cells[FALL + c])
-            if _stays(cells, c):
-                clear = clear and (end >= cells[RISE + c] or end < cells[FALL + c])
-            if clear:
-                state = end >= cells[RISE + c]
+        end = cells[A + c] + cells[B + c] + of_charge
+        seen = moved >= cells[RISE + c]
+        clear = inside and (seen or moved < cells[FALL + c])
+        if _stays(cells, c):
+            clear = clear and (end >= cells[RISE + c] or end < cells[FALL + c])
+        if clear:
+            state = end >= cells[RISE + c]
     if not clear:
-        seen, sampled, state, a, b = _pieces(cells, late, c, of_charge, of_sample, state, fast, limits)
+        seen, sampled, state, a, b = _pieces(cells, late, c, of_charge, of_sample, state, fast)
         moved = sampled + of_charge + of_sample
         if not inside:
             cells[A + c], cells[B + c] = a, b
-    if window is not None:
-        cells[UP + c] = 1.0 if state else 0.0
+    cells[UP + c] = 1.0 if state else 0.0
     if noise is not None:
         if abs(moved - active) < cells[COIN_AT + c]:
             seen = uniform(keys[i], COIN, n + 1) < 0.5
@@ -512,7 +469,7 @@ def _decide_again(cells, grid, n, step, late, c, i, fast, early, window, limits,
 
 @numba.njit(cache=True, error_model="numpy")
 def walk(  # type: ignore
-    clocks, late, x, slow, fast, latch, early, rise, window, limits, lag, noise, keys, step, begin,
+    clocks, late, x, slow, fast, latch, early, rise, fall, limits, lag, noise, keys, step, begin,
     stop, counts, end,
 ):  # fmt: skip
     """Count the ones of `clocks` decisions for every cell; the charge after the last one into `end`.
@@ -522,15 +479,14 @@ def walk(  # type: ignore
     clocks, late : decisions, and clocks between a decision and the beginning of its packet
     x : [1 or clocks, stop - begin], charge of every clock, or the one charge of all clocks
     slow, fast : [8, n], the two exponentials (`fast` None: bandwidth is infinite)
-    latch : [2, n] or None
-        What the packet that begins inside a clock takes away in it (None: packets begin at clock edges).
-    early : [6, n] or None, the sample ahead of the clock edge
-    rise : [n], level of the comparator
-    window : [n] or None, level at which it falls again (None: at the same)
-    limits : [2, n] or None, range of the charge
+    latch : [2, n], what the packet that begins inside a clock takes away in it
+    early : [6, n] or None, the sample ahead of the clock edge (None: at the edge; without `limits` only)
+    rise, fall : [n], levels of the comparator
+    limits : [2, n] or None
+        Range of the charge. None if there is none, no noise, and `fall` is `rise`.
+    lag : [n], time constant of the output; read with `fast` only
     noise : [4, n], keys : [n], step : int, or all None
         What is random, and how far apart the Brownian path is laid out beforehand.
-    lag : [n] or None, time constant of the output; with `fast` only
     begin, stop : which of the n cells
     counts, end : [n], results
     """
@@ -547,12 +503,10 @@ def walk(  # type: ignore
         marks[:] = 0
         for c in range(wide):
             i = first + c
-            _load(cells, c, i, slow, fast, latch, early, rise, window)
-            if limits is not None:
-                _load_limits(cells, c, i, fast, latch, limits, lag)
+            _load(cells, c, i, late, slow, fast, latch, early, rise, fall, limits, lag)
             if noise is not None:
                 walk_grid(keys[i], span, step, grid[c])
-                _load_noise(cells, c, i, fast, latch, window, lag, noise, step)
+                _load_noise(cells, c, i, late, fast, lag, noise, step)
         for n in range(clocks):
             if noise is not None:
                 if n % step == 0:
@@ -564,17 +518,15 @@ def walk(  # type: ignore
                 for c in range(wide):
                     cells[X + c] = x[n, first - begin + c]
             for c in range(wide):
-                _clock(cells, marks, c, fast, latch, early, window, limits, noise)
-            if noise is not None or window is not None or limits is not None:
-                for word in range(BLOCK // 8):
-                    if marks8[word] == 0:
-                        continue
-                    for c in range(8 * word, 8 * word + 8):
-                        if marks[c] != 0:
-                            _decide_again(
-                                cells, grid, n, step, late, c, first + c, fast, early, window, limits, noise,
-                                keys,
-                            )  # fmt: skip
+                _clock(cells, marks, c, fast, early, limits, noise)
+            if limits is None:
+                continue
+            for word in range(BLOCK // 8):
+                if marks8[word] == 0:
+                    continue
+                for c in range(8 * word, 8 * word + 8):
+                    if marks[c] != 0:
+                        _decide_again(cells, grid, n, step, late, c, first + c, fast, noise, keys)
         for c in range(wide):
             i = first + c
             counts[i], end[i] = int(cells[ONES + c]), _charge(cells, c, cells[A + c], cells[B + c], fast)
