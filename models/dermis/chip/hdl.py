@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 SIMULATORS = ("icarus", "verilator")
 BUILD_LIMIT_S = 600.0
+SIMULATOR_PATH = Path(__file__).with_name("simulator_path")
+"""Modules that come before all others in the process of a simulator."""
 
 PACK_MARGIN_CLOCKS = 15
 """Clocks to pack a row, in addition to one per byte (PACK_CLOCKS in dermis_row_scanner)."""
@@ -173,6 +175,7 @@ def _runner(
     config.libs_dir, config.share_dir = config.libs_dir.resolve(), config.share_dir.resolve()
 
     def execute(commands: Sequence[Sequence[str]], cwd: str | Path) -> None:
+        runner.env["PYTHONPATH"] = os.pathsep.join([str(SIMULATOR_PATH), runner.env.get("PYTHONPATH", "")])
         for command in commands:
             name = Path(command[0]).name
             (run or children.run_logged)(command, Path(cwd), log, limit_s, name, runner.env)
