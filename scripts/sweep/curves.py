@@ -210,46 +210,32 @@ class Physical:
     event_code: Ints | None  # of engine event; None if it refuses the plan
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Curve:
-    """One interface over the sweep, arrays [points] by rising resistance."""
+    """One interface over the sweep with the two laws, arrays [points] by rising resistance."""
 
-    topology: str
-    f_clk_hz: float
-    gate: int  # in clocks
-    code_max: int
+    made: Plan
     resistance_ohm: Floats
-    x: Floats  # duty, V_b / (k i0 R)
-    on_code: Bools  # x is c / gate, so there is no rounding
-    pulses_charge_balance: Ints  # exact
-    pulses_eq3: Ints  # by the paper's eq. (3)
-    period_eq3_clocks: Floats
     ideal: Reading  # through ideal blocks
     physical: Physical | None = None
 
-
-def make_curve(made: Plan, resistance_ohm: Floats, ideal: Reading, physical: Physical | None = None) -> Curve:
-    """Return a reading with the two laws."""
-    interface, gate = made.scene.table.interface, made.timing.gate_clocks
-    unit = exact(interface.v_bias_v) / (interface.k * exact(interface.i0_a))
-    points = resistance_ohm.size
-    x = out_of_frames(made.duty_ideal(), points)
-    balance = [vfc.count_rational(unit / Fraction(float(r)), gate) for r in resistance_ohm]
-    clocks = 1 << 40  # long enough to make the rounding of the count negligible in the period
-    return Curve(
-        topology=made.topology,
-        f_clk_hz=made.timing.f_clk_hz,
-        gate=gate,
-        code_max=made.timing.code_max,
-        resistance_ohm=resistance_ohm,
-        x=x,
-        on_code=out_of_frames(comparison.on_code(made), points),
-        pulses_charge_balance=np.array(balance, dtype=np.int64),
-        pulses_eq3=vfc.count_restarting(x, gate),
-        period_eq3_clocks=np.round(clocks / vfc.count_restarting(x, clocks)),
-        ideal=ideal,
-        physical=physical,
-    )
+    def __post_init__(self) -> None:
+        interface, timing, points = (
+            self.made.scene.table.interface,
+            self.made.timing,
+            self.resistance_ohm.size,
+        )
+        unit = exact(interface.v_bias_v) / (interface.k * exact(interface.i0_a))
+        self.topology, self.f_clk_hz = self.made.topology, timing.f_clk_hz
+        self.gate, self.code_max = timing.gate_clocks, timing.code_max
+        self.x = out_of_frames(self.made.duty_ideal(), points)  # duty, V_b / (k i0 R)
+        # x is c / gate, so there is no rounding.
+        self.on_code = out_of_frames(comparison.on_code(self.made), points)
+        exactly = [vfc.count_rational(unit / Fraction(float(r)), self.gate) for r in self.resistance_ohm]
+        self.pulses_charge_balance = np.array(exactly, dtype=np.int64)
+        self.pulses_eq3 = vfc.count_restarting(self.x, self.gate)
+        clocks = 1 << 40  # long enough to make the rounding of the count negligible in the period
+        self.period_eq3_clocks = np.round(clocks / vfc.count_restarting(self.x, clocks))
 
 
 def make_physical(made: Plan, at: Ints, reading: Reading) -> Physical:
@@ -410,7 +396,7 @@ def run(
             rows.append(verdict.error(f"sweep.rate_error_lsb.{topology}", str(ideal)))
             continue
         made = plans[f"{topology}_physical"][0] if isinstance(real, Reading) else None
-        curves.append(make_curve(plans[topology][0], ohm, ideal, made and make_physical(made, at, real)))
+        curves.append(Curve(plans[topology][0], ohm, ideal, made and make_physical(made, at, real)))
         rows += judge(curves[-1])
         if isinstance(real, SimulatorError):
             rows.append(verdict.error(f"sweep.physical_shift_lsb.{topology}", str(real), "lsb"))
@@ -454,7 +440,7 @@ def run_transistors(topologies: Sequence[str], points: int, out: Path) -> tuple[
         if isinstance(reading, SimulatorError):
             rows.append(verdict.error(f"sweep.transistor_linearity_lsb.{topology}", str(reading), "lsb"))
         else:
-            curves.append(make_curve(plans[topology], ohm, reading))
+            curves.append(Curve(plans[topology], ohm, reading))
             rows += judge_line(curves[-1])
     return curves, rows, len(curves) < len(plans)
 
