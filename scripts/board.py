@@ -2,6 +2,7 @@
 """`dermis board`: one column of the direct interface from parts on a board, in ngspice (docs/board.md)."""
 
 import re
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -19,23 +20,9 @@ from scripts.judged import SHOW, finish
 
 Changes = Mapping[str, float]
 """Parameters of spice/board/column.sp with other values."""
-COLUMN, ROW, FAST = {"other_column": 15}, {"other_row": 15}, {"f_clk_hz": 5e6}
-FIT: dict[str, Changes] = {
-    "lone_taxel": {},
-    "full_column": COLUMN,
-    "full_row": ROW,
-    "full_row_and_column": COLUMN | ROW,
-    "5mhz_50mhz_full_column": FAST | COLUMN | {"gbw_hz": 50e6, "slew_v_per_s": 25e6, "t_delay_s": 30e-9},
-}
-UNFIT: dict[str, Changes] = {
-    "5mhz_10mhz": FAST,
-    "5mhz_10mhz_full_column": FAST | COLUMN,
-    "offset_half_mv_full_column": COLUMN | {"v_offset_v": -0.5e-3},
-    "comparator_delay_5_us": {"t_delay_s": 5e-6},
-    "row_switch_50_ohm": {"r_switch_ohm": 50.0},
-    "one_undriven_row_at_0_v": {"other_column": 1, "v_undriven_v": 0.0},
-}
-"""Boards that must miss the limit of the others, or the bench shows nothing."""
+_BOARDS = tomllib.loads((ROOT / "spice" / "board" / "boards.toml").read_text(encoding="utf-8"))
+FIT: dict[str, Changes] = _BOARDS["fit"]
+UNFIT: dict[str, Changes] = _BOARDS["unfit"]
 
 
 def conversion(r_taxel_ohm: float, changes: Changes, work: Path) -> Mapping[str, float]:

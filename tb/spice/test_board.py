@@ -57,7 +57,7 @@ def test_a_simulator_that_fails_is_an_error_of_its_board_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(changes: board.Changes, points: int, work: Path) -> tuple[float, str]:
-        if changes == board.ROW:
+        if changes == board.FIT["full_row"]:
             raise SimulatorError("it broke", work)
         return (0.5, "") if changes in board.FIT.values() else (1.5, "")
 
