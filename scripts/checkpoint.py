@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checkpoints of long runs: finished pieces in a file from which a killed run continues."""
 
-import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping
@@ -10,7 +9,7 @@ from typing import Any
 
 from dermis.engines import batch
 from dermis.files import write_atomic
-from scripts import workers
+from scripts import judged, workers
 
 # Work that a kill may lose, in s: many pieces end in a second, and writing them takes milliseconds.
 _SAVE_S = 5.0
@@ -18,10 +17,8 @@ _SAVE_S = 5.0
 
 def stamp(*folders: Path) -> str:
     """Return a hash of all sources that affect codes, and of the Python files below some folders."""
-    text = hashlib.sha256(batch.fingerprint().encode())
-    for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
-        text.update(path.name.encode() + path.read_bytes())
-    return text.hexdigest()
+    files = sorted(path for folder in folders for path in folder.rglob("*.py"))
+    return judged.digest(files, batch.fingerprint())
 
 
 class Checkpoint:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parts of every command that judges: its tools, and the verdict table at its end."""
 
+import hashlib
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from dermis.errors import InputError
@@ -20,6 +21,14 @@ def tool(name: str, package: str | None = None, remedy: str | None = None) -> st
         remedy = remedy or f"Debian package {package or name} (make setup installs it)"
         raise InputError("environment", name, "not found", remedy)
     return found
+
+
+def digest(files: Iterable[Path], *words: object) -> str:
+    """Return a hash of files by name and content, and of what else a result depends on."""
+    text = hashlib.sha256(repr(words).encode())
+    for path in files:
+        text.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return text.hexdigest()
 
 
 def none(name: str, found: Sequence[str], unit: str) -> verdict.Row:

@@ -181,18 +181,15 @@ def _models(process: str) -> str:
     for name in ("nfet_01v8", "pfet_01v8_hvt"):
         head, bins, end = sky130.bins(sky130.subcircuit(transistors, text_of(transistors, WANTED), name))
         # At tt there is no shift.
-        parts += [head, *(b if process == "tt" else _at_corner(b, name) for b in bins), end]
+        if process != "tt":
+            bins = [sky130.at_corner(model, name, "lv") for model in bins]
+            shifted = rf"eta0 = {{\1+max(0,2.8*sw_vth0_sky130_fd_pr__{name})}}"
+            if name == "nfet_01v8":
+                bins = [re.sub(r"(?<=\s)eta0 = (\S+)", shifted, model) for model in bins]
+        parts += [head, *bins, end]
     ends = ("mismatch.corner.spice", f"{process}.pm3.spice")
     parts += [text_of(place / f"{special.name}__{end}", WANTED) for end in ends]
     return "\n".join(parts) + "\n"
-
-
-def _at_corner(model: str, name: str) -> str:
-    model = sky130.at_corner(model, name, "lv")
-    if name == "nfet_01v8":
-        shifted = rf"eta0 = {{\1+max(0,2.8*sw_vth0_sky130_fd_pr__{name})}}"
-        model = re.sub(r"(?<=\s)eta0 = (\S+)", shifted, model)
-    return model
 
 
 def subcircuit(name: str) -> tuple[list[str], list[str]]:
@@ -221,7 +218,10 @@ def subcircuit(name: str) -> tuple[list[str], list[str]]:
             reach = END_DIFFUSION_UM if last else SHARED_DIFFUSION_UM
             # The perimeter includes the side at the gate: BSIM4 subtracts it (permod = 1).
             areas.append(f"a{letter}={w * reach:.6g} p{letter}={(1 + last) * w + 2 * reach:.6g}")
-        distance = _distance(min(LONGEST_ROW, sum(row[7] == kind for row in rows)), l_um)
+        # The order in a row is unknown: the mean of 1 / (distance + half a channel), as for stress.
+        many = min(LONGEST_ROW, sum(row[7] == kind for row in rows))
+        middles = [END_DIFFUSION_UM + k * (l_um + 2 * SHARED_DIFFUSION_UM) + l_um / 2 for k in range(many)]
+        distance = many / sum(1 / middle for middle in middles) - l_um / 2
         lines.append(
             f"X{len(lines)} {drain} {gate} {source} {bulk} {model} w={w:g} l={l_um:g} {' '.join(areas)} "
             f"sa={distance:.4g} sb={distance:.4g} sd={2 * SHARED_DIFFUSION_UM:g}"
@@ -233,13 +233,6 @@ def subcircuit(name: str) -> tuple[list[str], list[str]]:
             femto += WIRE_WIDTH_FF * width_um * (gates[net] > 0)
             lines.append(f"C{len(lines)} {net} VNB {femto:.4g}f")
     return text[1].split(), lines
-
-
-def _distance(gates: int, channel_um: float) -> float:
-    # The order in a row is unknown: the mean of 1 / (distance + half a channel), as for stress.
-    pitch = channel_um + 2 * SHARED_DIFFUSION_UM
-    inverse = [1 / (END_DIFFUSION_UM + k * pitch + channel_um / 2) for k in range(gates)]
-    return gates / sum(inverse) - channel_um / 2
 
 
 def _measured(
@@ -343,30 +336,11 @@ def inside_fj(kind: str, pin: str, corner: Corner, directory: Path) -> float:
 COPIES, ROUNDS, NARROWED = 8, 7, 5
 
 
-@dataclass(frozen=True)
-class Resolution:
-    """Metastability of a flop: its delay is longer by tau x ln(window / distance).
-
-    `distance` is the time from its data edge to the one at which it decides for neither 0 nor 1.
-    """
-
-    tau_ns: float
-    window_ns: float
-    delay_ns: float  # clock to output with quiet data
-
-    def log10_years(self, clock_hz: float, rest_ns: float, channels: int) -> float:
-        """Return log10 of the mean time between failures in years: exp(rest / tau) / (window x clock x edges).
-
-        Each channel has an edge a clock; `rest_ns` is the time until the level is used (Kleeman and Cantoni, 1987).
-        """
-        a_year = 365.25 * 24 * 3600
-        rate = self.window_ns * 1e-9 * clock_hz * clock_hz * channels
-        return (rest_ns / self.tau_ns) / math.log(10) - math.log10(rate * a_year)
-
-
-def resolution(corner: Corner, directory: Path) -> Resolution:
+def resolution(corner: Corner, directory: Path) -> tuple[float, float, float]:
     """Measure how the flop of the synchronizers resolves, with data edges ever closer to the undecided one.
 
+    Returns tau, window and quiet delay in ns: the delay from clock to output is longer by tau x ln(window /
+    distance), where `distance` is the time from the data edge to the one at which the flop decides for neither.
     SimulatorError if ngspice failed, or the delays are not those of an exponential.
     """
     v_dd, edge, end = corner.voltage_v, 4.0, 4.0 + corner.window_ns
@@ -400,7 +374,7 @@ def resolution(corner: Corner, directory: Path) -> Resolution:
         raise SimulatorError("dfrtp_1 does not hold the middle", path)
     slope, start = np.polyfit(*np.array(near).T, 1)
     quiet = min(delay for _, delay in seen)
-    return Resolution(-slope, math.exp((quiet - start) / slope), quiet)
+    return -slope, math.exp((quiet - start) / slope), quiet
 
 
 def liberty_file(corner: str) -> Path:
@@ -428,12 +402,14 @@ def liberty_command(corners: tuple[str, ...]) -> int:
             error = sample_error(library, at, name, directory)
             rows.append(verdict.judge(f"liberty.sample_error.{corner}_{name}", error, at.file.name))
     if "ss" in (corners or CORNERS):
-        found = resolution(CORNERS["ss"], ROOT / "build" / "liberty" / "ss")
-        design = load_design()
-        period_ns = 1e9 / design.converter.f_clk_hz
-        said = f"tau {1e3 * found.tau_ns:.0f} ps, window {1e3 * found.window_ns:.3g} ps; {design.array.cols} columns"
+        tau_ns, window_ns, delay_ns = resolution(CORNERS["ss"], ROOT / "build" / "liberty" / "ss")
+        clock_hz, cols = load_design().converter.f_clk_hz, load_design().array.cols
+        period_ns, a_year_s = 1e9 / clock_hz, 365.25 * 24 * 3600
+        said = f"tau {1e3 * tau_ns:.0f} ps, window {1e3 * window_ns:.3g} ps; {cols} columns"
         for form, rest_ns in (("ff", period_ns), ("latch", period_ns / 2)):
             # The gate or latch behind the flop, and its setup time, take as long as the flop.
-            years = found.log10_years(1e9 / period_ns, rest_ns - 2 * found.delay_ns, design.array.cols)
+            # exp(rest / tau) / (window x clock x edges), an edge a clock and column (Kleeman and Cantoni, 1987).
+            rate_hz = window_ns * 1e-9 * clock_hz**2 * cols
+            years = (rest_ns - 2 * delay_ns) / tau_ns / math.log(10) - math.log10(rate_hz * a_year_s)
             rows.append(verdict.judge(f"liberty.mtbf_log10_years.{form}", years, said))
     return finish("liberty", rows, "Liberty of the standard cells")

@@ -28,7 +28,7 @@ from dermis.processes import children
 from dermis.report import progress, verdict
 from scripts import formal, markdown, templates
 from scripts.checkpoint import Checkpoint
-from scripts.judged import SHOW, finish
+from scripts.judged import SHOW, digest, finish
 
 SAMPLE = 12
 """Default number of mutants per module."""
@@ -150,16 +150,14 @@ def mutants(module: str, text: str) -> list[Mutant]:
         first, last = text.rfind("\n", 0, start) + 1, text.find("\n", end)
         before = " ".join(text[first:last].split())
         behind = " ".join((text[first:start] + new + text[end:last]).split())
-        digest = hashlib.sha256(f"{module}\0{text}\0{start}\0{end}\0{new}".encode()).hexdigest()[:16]
-        made.append(Mutant(digest, module, line, what, start, end, new, f"{before}  ->  {behind}"))
+        key = hashlib.sha256(f"{module}\0{text}\0{start}\0{end}\0{new}".encode()).hexdigest()[:16]
+        made.append(Mutant(key, module, line, what, start, end, new, f"{before}  ->  {behind}"))
     return made
 
 
 def sample(every: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
     """Return a random sample, fixed by the seed, in the order of the source."""
-    if count >= len(every):
-        return list(every)
-    chosen = random.Random(seed).sample(range(len(every)), count)
+    chosen = random.Random(seed).sample(range(len(every)), min(count, len(every)))
     return [every[n] for n in sorted(chosen)]
 
 
@@ -175,10 +173,7 @@ def judges(module: str, rtl: Path) -> str:
     files += place.glob("dermis_*.v") if proofs else []
     names = {module, *below(module, rtl), *(name for proof in proofs for name in proof.modules)}
     files += [*(rtl / f"{name}.v" for name in names), *rtl.glob("*.vh")]
-    text = hashlib.sha256()
-    for content in sorted(f"{path.name}\0".encode() + path.read_bytes() + b"\0" for path in set(files)):
-        text.update(content)
-    return text.hexdigest()[:16]
+    return digest(sorted(set(files), key=lambda path: (path.name, path.read_bytes())))[:16]
 
 
 def _empty(name: str) -> Path:
@@ -194,11 +189,9 @@ def _overlay(rtl: Path, mutant: Mutant | None, work: Path) -> Path:
     tree = work / "rtl"
     tree.mkdir(parents=True)
     for path in [*rtl.glob("*.v"), *rtl.glob("*.vh")]:
-        (tree / path.name).symlink_to(path.resolve())
-    if mutant is not None:
-        target = tree / f"{mutant.module}.v"
-        target.unlink()
-        target.write_text(mutant.apply((rtl / target.name).read_text()))
+        text = path.read_text()
+        changed = mutant is not None and path.stem == mutant.module
+        (tree / path.name).write_text(mutant.apply(text) if changed else text)
     return tree
 
 
@@ -388,10 +381,8 @@ def mutate_command(
     failed: dict[str, str] = {}
 
     def check(name: str) -> float:
-        if time.monotonic() > end:
-            return 0.0
         try:
-            return control(name, rtl)
+            return control(name, rtl) if time.monotonic() < end else 0.0
         except SimulatorError as error:
             failed[name] = str(error)
             return 0.0

@@ -14,7 +14,6 @@ import numpy as np
 
 from dermis import engines, plan
 from dermis.report import verdict
-from dermis.report.verdict import Row
 from dermis.scene.design import load as load_design
 
 LIMIT_S = 60
@@ -134,7 +133,7 @@ def speed(driver: Any, clocks: int = 15_000_000) -> float:
     return float(call(driver, "bench", frames))
 
 
-def measure(page: Path) -> list[Row]:
+def measure(page: Path) -> list[verdict.Row]:
     """Return the rows of the page in a browser, or one SKIP each with the reason."""
     names = ("demo.wrong_codes", "demo.frames_per_s", "demo.first_code_s")
     if reason := missing():

