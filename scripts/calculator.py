@@ -235,8 +235,7 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
         "direct": r_min / array_rows,
         "multi_output_conveyor": exact(base.conveyor.r_z_ohm),
     }.get(topology, exact(base.mirror.r_out_ohm))
-    scale = k if topology == "direct" else 1
-    tau = gain_dc * source_ohm * c_int * scale
+    tau = gain_dc * source_ohm * c_int * (k if topology == "direct" else 1)
 
     quantities = {
         "topology": topology,
@@ -268,7 +267,7 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
         "tau_leak_s": tau,
     }
     answer = Answer(targets, base, quantities)
-    return _judged(answer, slot_s, settle, needed, source_ohm, scale)
+    return _judged(answer, slot_s, settle)
 
 
 def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fraction]:
@@ -323,19 +322,11 @@ def _slot_clocks(gate: int, settle: Fraction, base: Design) -> int:
     return max(math.ceil(gate / (1 - settle)), gate + base.timing.break_clocks + 2)
 
 
-def _judged(
-    answer: Answer,
-    slot_s: Fraction,
-    settle: Fraction,
-    needed: int,
-    source_ohm: Fraction,
-    scale: Fraction | int,
-) -> Answer:
-    """Add the verdict rows, and for each missed limit the nearest targets that meet it.
-
-    `scale` multiplies c_int_f and i0 T: k for the direct interface, else 1.
-    """
+def _judged(answer: Answer, slot_s: Fraction, settle: Fraction) -> Answer:
+    """Add the verdict rows, and for each missed limit the nearest targets that meet it."""
     targets, base = answer.targets, answer.base
+    needed = _slot_clocks(answer.gate_clocks, settle, base)
+    scale = answer.k if answer.topology == "direct" else 1  # of c_int_f and i0 T
     rows: list[verdict.Row] = []
     nearest: dict[str, Changes] = {}
 
@@ -437,7 +428,8 @@ def _judged(
     plateau = answer.gate_clocks * math.tanh(1 / float(f_clk) / (2 * tau))
     part = float(limit("leak_plateau_lsb")) / answer.gate_clocks
     tau_min = 1 / float(f_clk) / (2 * math.atanh(part)) if part < 1 else 0.0
-    more_gain = {"gain_dc": _at_least(tau_min / float(source_ohm * c_int))} if tau_min else None
+    tau_a_gain = float(answer.tau_leak_s / targets.take("gain_dc", base.integrator.gain_dc))
+    more_gain = {"gain_dc": _at_least(tau_min / tau_a_gain)} if tau_min else None
     row("leak_plateau_lsb", plateau, f"R_leak C = {tau:.4g} s, at least {tau_min:.4g} s", more_gain)
 
     kt = K_BOLTZMANN_J_PER_K * base.ambient.temperature_k

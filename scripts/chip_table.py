@@ -17,7 +17,6 @@ import numpy as np
 from dermis import engines, plan
 from dermis.chip import sky130
 from dermis.decode import crosstalk
-from dermis.files import write_between
 from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.report import progress, verdict
@@ -39,8 +38,6 @@ LOADS = {"taxel": 1, "row": 16}
 """Columns that are pressed alike in the driven row."""
 ROUNDS, AROUND = 18, 24.0
 """Halvings of a bracket of that many codes on either side of an ideal transition: to 0.0002 code."""
-PAGE = ROOT / "docs" / "datasheet.md"
-BEGIN, END = "<!-- begin: chip (written by dermis datasheet --docs) -->", "<!-- end: chip -->"
 
 
 def chip(condition: Condition, k: int, cols: int) -> Plan:
@@ -235,6 +232,6 @@ def datasheet_command(docs: bool) -> int:
     title = "The chip in transistors: a taxel alone (taxel), 16 of a row alike (row)"
     code = finish("datasheet", rows, title)
     if docs:
-        write_between(PAGE, BEGIN, END, table(rows))
+        markdown.write(ROOT / "docs" / "datasheet.md", "chip", "datasheet", table(rows))
         click.echo("written: docs/datasheet.md")
     return code

@@ -22,7 +22,6 @@ import click
 
 from dermis.chip import hdl
 from dermis.chip.sources import TOP, rtl_sources
-from dermis.files import write_between
 from dermis.processes import children
 from dermis.report import verdict
 from dermis.scene.design import ROOT
@@ -31,7 +30,6 @@ from scripts.judged import finish
 
 EXCLUSIONS = "rtl/lint/coverage_exclusions.toml"
 KINDS = ("line", "toggle")
-BEGIN, END = "<!-- begin: coverage (written by dermis coverage --docs) -->", "<!-- end: coverage -->"
 RUN_LIMIT_S = 2400.0
 SIZES = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8}
 """Size of the tested top; only points of cores up to this size must be reached."""
@@ -67,21 +65,9 @@ class Result:
 
 
 def pytest_configure(config: Any) -> None:
-    """Build and run with coverage if DERMIS_COVERAGE is set."""
-    if place := os.environ.get("DERMIS_COVERAGE"):
-        _record(Path(place))
-
-
-def pytest_collection_modifyitems(items: list[Any]) -> None:
-    """Raise the time limits of tests: builds with counters are slow."""
-    import pytest
-
-    for item in items:
-        item.add_marker(pytest.mark.timeout(RUN_LIMIT_S), append=False)
-
-
-def _record(place: Path) -> None:
-    """Build below build/coverage; write the counts of each run, and its parameters, to `place`."""
+    """With DERMIS_COVERAGE build below build/coverage, and write counts and parameters of each run there."""
+    if not (place := os.environ.get("DERMIS_COVERAGE")):
+        return
     from cocotb_tools import runner
 
     build, test = runner.Verilator.build, runner.Verilator.test
@@ -106,6 +92,14 @@ def _record(place: Path) -> None:
     hdl.BUILD /= "coverage"
     runner.Verilator.build = build_with_counters
     runner.Verilator.test = test_and_keep
+
+
+def pytest_collection_modifyitems(items: list[Any]) -> None:
+    """Raise the time limits of tests: builds with counters are slow."""
+    import pytest
+
+    for item in items:
+        item.add_marker(pytest.mark.timeout(RUN_LIMIT_S), append=False)
 
 
 def read(path: Path, modules: Iterable[str]) -> Counter[Point]:
@@ -228,7 +222,7 @@ def coverage_command(docs: bool, keep: bool) -> int:
     table = rows(result, [path.stem for path in rtl_sources()])
     code = finish("coverage", table, "Coverage of rtl/ by the cocotb tests, Verilator")
     if docs:
-        write_between(ROOT / "docs" / "coverage.md", BEGIN, END, markdown.rows_table(table))
+        markdown.write(ROOT / "docs" / "coverage.md", "coverage", "coverage", markdown.rows_table(table))
     missed = uncovered(result)
     (ROOT / "build" / "coverage" / "uncovered.txt").write_text("".join(f"{line}\n" for line in missed))
     click.echo(f"{len(missed)} places not reached; list in build/coverage/uncovered.txt")

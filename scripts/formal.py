@@ -22,7 +22,7 @@ from typing import Any
 import click
 
 from dermis.errors import InputError
-from dermis.files import text_of, write_between
+from dermis.files import text_of
 from dermis.processes import children
 from dermis.report import progress, verdict
 from dermis.scene.design import ROOT
@@ -152,7 +152,6 @@ def run(
     rtl : directory of the sources; the checker is always that of this tree
     where, suffix : directory below build/, and a suffix for runs of one task
     """
-    tools()
     work = ROOT / "build" / where / f"{proof.name}.{fault.name if fault else task}{suffix}"
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
@@ -336,9 +335,6 @@ def run_all(
     return rows + faults_named(rows)
 
 
-BEGIN, END = "<!-- dermis formal --docs: begin -->", "<!-- end -->"
-
-
 def table(rows: Sequence[verdict.Row]) -> str:
     """Return the tables of docs/formal.md: the theorems, covers and faults of each proof."""
     lines: list[str] = []
@@ -375,5 +371,5 @@ def formal_command(names: tuple[str, ...], only: str | None, listing: bool, docs
         return 0
     rows = run_all(which, theorems=only != "faults", faults=only != "proofs", workers=workers)
     if docs:
-        write_between(ROOT / "docs" / "formal.md", BEGIN, END, table(rows))
+        markdown.write(ROOT / "docs" / "formal.md", "proofs", "formal", table(rows))
     return finish("formal", rows, "Proofs")

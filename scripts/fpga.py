@@ -15,7 +15,6 @@ from dermis.chip.sources import rtl_sources
 from dermis.errors import SimulatorError, one_line, package_directory
 from dermis.processes import children
 from dermis.report import progress, verdict
-from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from scripts import gate_level, judged, templates
 from scripts.gate_level import SMALL, SMALL_SLOTS, SMALL_TESTS
@@ -73,7 +72,7 @@ def failures(board: Any, netlist: Path, parameters: Mapping[str, int], tests: An
     return failed + unlike
 
 
-def figures(name: str, board: Any, work: Path) -> list[Row]:
+def figures(name: str, board: Any, work: Path) -> list[verdict.Row]:
     """Write the bitstream; judge size and speed. SimulatorError if it or a figure is missing."""
     options = " --json {work}/design.json --report {work}/report.json --seed 1 --timing-allow-fail"
     run_tool(board["place"] + options, work)
@@ -97,7 +96,7 @@ def figures(name: str, board: Any, work: Path) -> list[Row]:
     return rows
 
 
-def build(name: str) -> list[Row]:
+def build(name: str) -> list[verdict.Row]:
     """Build a board; run all tests of the top at 4x5, and compare codes on the netlist of its bitstream."""
     board, work = BOARDS[name], Path("build/fpga") / name
     netlist = synthesise(board, BOARD_TOP, board["parameters"], work)
@@ -117,7 +116,7 @@ def build(name: str) -> list[Row]:
 @children.ending()
 def fpga_command(board: str | None) -> int:
     """Build the core for FPGA boards and test the netlists; write build/fpga/ and build/fpga.json."""
-    rows: list[Row] = []
+    rows: list[verdict.Row] = []
     chosen = [board] if board else list(BOARDS)
     for name in chosen:
         tool(BOARDS[name]["place"])

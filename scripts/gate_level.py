@@ -5,7 +5,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ from dermis.errors import InputError, SimulatorError, one_line
 from dermis.files import text_of
 from dermis.processes import children
 from dermis.report import progress, verdict
-from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from scripts import liberty
 from scripts.cocotb_run import run_bench
@@ -109,7 +108,7 @@ def pins_of(design: Design, scenario: Mapping[str, Any] = SCENARIO) -> Any:
     return run(design, PIN_BENCH, "reads_frames", scenario)
 
 
-def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> list[Row]:
+def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> list[verdict.Row]:
     """Judge the pins of a netlist against those of the Verilog (`wanted`)."""
     wanted = pins_of(Design("the Verilog", None, size.parameters)) if wanted is None else wanted
     got = pins_of(netlist_design(netlist))
@@ -200,7 +199,7 @@ def top_rows(
     suffix: str,
     tests: Sequence[TopTest],
     limit_s: float = RUN_LIMIT_S,
-) -> list[Row]:
+) -> list[verdict.Row]:
     """Judge the tests of the top on the netlist: failures, and reports unlike the Verilog's."""
     failed, unlike = compare(netlist_design(netlist), parameters, tests, limit_s)
     note = failed[0] if failed else ", ".join(test.testcase for test in tests)
@@ -210,7 +209,7 @@ def top_rows(
     ]
 
 
-def power_rows(netlist: Netlist, size: Size, slots: Mapping[str, int], suffix: str) -> list[Row]:
+def power_rows(netlist: Netlist, size: Size, slots: Mapping[str, int], suffix: str) -> list[verdict.Row]:
     """Report the power of the netlist while it measures and sends the frame with the most force of a recording."""
     frames = dermis.simulate("recorded_touch", engine="closed").codes
     most = max(frames, key=np.sum)
@@ -219,8 +218,7 @@ def power_rows(netlist: Netlist, size: Size, slots: Mapping[str, int], suffix: s
     for (row, col), code in np.ndenumerate(most[: size.rows, : size.cols]):
         x[row][col] = (int(code), 510)
     vcd = netlist.directory / "toggles.vcd"
-    cells = cell_models(netlist.technology, netlist.kinds, netlist.directory / "cells.v")
-    design = Design("the netlist", (cells, power.dumping(netlist, vcd)), {})
+    design = netlist_design(replace(netlist, verilog=power.dumping(netlist, vcd)))
     scenario = {"parameters": size.parameters | slots, "x": x, "gate": 510, "sck_hz": 5e6, "frames": 1}
 
     def with_changes(command: Sequence[str], *rest: Any) -> None:
@@ -241,16 +239,16 @@ def power_rows(netlist: Netlist, size: Size, slots: Mapping[str, int], suffix: s
     return [verdict.measured(f"gl.power_uw.{suffix}", sum(parts.values()), "uW", note)]
 
 
-def gate_level(technology: Technology, size: Size) -> list[Row]:
+def gate_level(technology: Technology, size: Size) -> list[verdict.Row]:
     """Run all tests of the top on a small netlist; compare pins, codes, registers at full size."""
-    rows: list[Row] = []
+    rows: list[verdict.Row] = []
 
-    def small() -> list[Row]:
+    def small() -> list[verdict.Row]:
         parameters = SMALL.parameters | SMALL_SLOTS
         netlist = map_once(technology, parameters, place(technology, SMALL, "_gl"))
         return top_rows(netlist, parameters, f"{technology.name}.{SMALL.name}", SMALL_TESTS)
 
-    def whole() -> list[Row]:
+    def whole() -> list[verdict.Row]:
         suffix = f"{technology.name}.{size.name}"
         netlist = map_once(technology, size.parameters, place(technology, size))
         made = pin_rows(netlist, size, suffix)
@@ -280,7 +278,7 @@ def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, 
         raise InputError("command line", "--docs", "with a choice", "a whole run")
     base = default_size()
     size = Size(rows or base.rows, cols or base.cols, base.code_bits, sync_latch)
-    judged: list[Row] = []
+    judged: list[verdict.Row] = []
     chosen = [TECHNOLOGIES[name] for name in (TECHNOLOGIES if tech == "both" else (tech,))]
     with progress.slots("gl", len(chosen), "libraries") as tell:
         for done, technology in enumerate(chosen):
@@ -288,5 +286,5 @@ def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, 
             judged += gate_level(technology, size)
     code = finish("gl", judged, f"Gate level, {size.name}, Icarus")
     if docs and code == 0:
-        write_docs(gl=judged)
+        write_docs("gl", gl=judged)
     return code

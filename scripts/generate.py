@@ -63,7 +63,6 @@ def design_table(design: Design, root: Path) -> str:
 
 def limits_table(_design: Design, root: Path) -> str:
     """Return the table of limits for docs/numbers.md."""
-
     rows = []
     for name, limit in design_module.load_spec(root / "models" / "spec.toml").items():
         low, high = ("" if v is None else f"{v:.9g}" for v in (limit.min, limit.max))
@@ -125,13 +124,6 @@ TABLES: dict[str, dict[str, Callable[[Design, Path], str]]] = {
 }
 
 
-def _with_tables(path: str, text: str, design: Design, root: Path) -> str:
-    for name, make in TABLES[path].items():
-        begin, end = f"<!-- begin: {name} (written by dermis generate) -->", f"<!-- end: {name} -->"
-        text = between(text, begin, end, make(design, root), path, f"table {name}")
-    return text
-
-
 # Hand-written files with one value of the design in them: {path: pattern whose first group is the
 # clock period in ns}.
 PERIODS = {
@@ -154,8 +146,11 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
         text = _read(root / path)
         if text is None:
             raise InputError(path, "file", "missing", "a file with its generated parts")
+        for name, make in TABLES.get(path, {}).items():
+            begin, end = f"<!-- begin: {name} (written by dermis generate) -->", f"<!-- end: {name} -->"
+            text = between(text, begin, end, make(design, root), path, f"table {name}")
+        files[path] = text
         if path in TABLES:
-            files[path] = _with_tables(path, text, design, root)
             continue
         found = list(re.finditer(PERIODS[path], text))
         if len(found) != 1:

@@ -13,7 +13,6 @@ import click
 from dermis.chip.sources import FILE_LIST, TOP, read_verilog, rtl_sources, verilator_root
 from dermis.processes.children import output_of
 from dermis.report import verdict
-from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from scripts import crossings
 from scripts.judged import finish, none, tool
@@ -35,7 +34,7 @@ _VERILATOR_DONE = re.compile(r"Verilator: Built from \S+ MB sources in [1-9]\d* 
 _YOSYS_MESSAGE = re.compile(r"^(?:\S+:\d+: )?(?:Warning|ERROR): .*$", re.MULTILINE)
 
 
-def _row(name: str, code: int | None, output: str, messages: Sequence[str], finished: bool) -> Row:
+def _row(name: str, code: int | None, output: str, messages: Sequence[str], finished: bool) -> verdict.Row:
     """Return PASS for no message, exit 0 and evidence of the work; without evidence ERROR."""
     if messages:
         return verdict.within(name, len(messages), "messages", None, 0, " ".join(messages[0].split()))
@@ -46,7 +45,7 @@ def _row(name: str, code: int | None, output: str, messages: Sequence[str], fini
     return verdict.within(name, None, "messages", None, 0, why)
 
 
-def _icarus(name: str, root: Path, top: str, *arguments: str, standard: str = "-g2005") -> Row:
+def _icarus(name: str, root: Path, top: str, *arguments: str, standard: str = "-g2005") -> verdict.Row:
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "design.vvp"
         command = [tool("iverilog"), standard, "-Wall", "-o", str(out), "-s", top, *arguments]
@@ -57,7 +56,7 @@ def _icarus(name: str, root: Path, top: str, *arguments: str, standard: str = "-
     return _row(f"lint.icarus.{name}", code, output, messages, finished)
 
 
-def _verilator(name: str, root: Path, top: str, *arguments: str) -> Row:
+def _verilator(name: str, root: Path, top: str, *arguments: str) -> verdict.Row:
     place = verilator_root()
     command = [str(place / "bin" / "verilator_bin"), "--lint-only", "-Wall", "--top-module", top, *arguments]
     code, output = output_of(command, TIME_LIMIT_S, root, {"VERILATOR_ROOT": str(place)})
@@ -67,7 +66,7 @@ def _verilator(name: str, root: Path, top: str, *arguments: str) -> Row:
 
 def _yosys(
     name: str, root: Path, read: str, top: str, latches: int | None = None
-) -> tuple[Row, int | None, dict[str, int] | None]:
+) -> tuple[verdict.Row, int | None, dict[str, int] | None]:
     """Return the row; with `latches` also bits of memory, and cells by type of the flat design."""
     with tempfile.TemporaryDirectory() as scratch:
         cells, memories = Path(scratch) / "cells.json", Path(scratch) / "memories.json"
@@ -88,7 +87,7 @@ def _yosys(
     return _row(f"lint.yosys.{name}", code, output, messages, finished), bits, types
 
 
-def _lint_yosys(root: Path, name: str, parameters: Mapping[str, int]) -> list[Row]:
+def _lint_yosys(root: Path, name: str, parameters: Mapping[str, int]) -> list[verdict.Row]:
     """Return the row of Yosys, and rows that count latches, flops without reset, bits of memory."""
     header = header_values(root)
     rows, columns, bits = (parameters.get(k, header[f"DERMIS_{k}"]) for k in ("ROWS", "COLS", "CODE_BITS"))
@@ -96,7 +95,7 @@ def _lint_yosys(root: Path, name: str, parameters: Mapping[str, int]) -> list[Ro
     values = " ".join(f"-chparam {key} {value}" for key, value in parameters.items())
     first, memory, cells = _yosys(name, root, "", f"{TOP} {values}", size.latches)
 
-    def count(what: str, unit: str, wanted: int, rule: str, *kinds: str) -> Row:
+    def count(what: str, unit: str, wanted: int, rule: str, *kinds: str) -> verdict.Row:
         found = memory if not kinds or cells is None else sum(cells.get(kind, 0) for kind in kinds)
         note = "no result" if cells is None else "" if found == wanted else rule
         return verdict.within(f"lint.yosys.{name}.{what}", found, unit, wanted, wanted, note)
@@ -117,7 +116,7 @@ def header_values(root: Path = ROOT) -> dict[str, int]:
     return {key: int(value) for key, value in re.findall(r"^`define\s+(\w+)\s+(\d+)\b", text, re.MULTILINE)}
 
 
-def _lint_file_list(root: Path) -> Row:
+def _lint_file_list(root: Path) -> verdict.Row:
     """Judge that each rtl/*.v is in files.f, holds the module of its name, and is used by the top."""
     listed = {path.resolve() for path in rtl_sources(root)}
     found = {path.resolve() for path in (root / "rtl").glob("*.v")}
@@ -135,7 +134,7 @@ def _lint_file_list(root: Path) -> Row:
     return none("lint.file_list", wrong, "files")
 
 
-def run_lint(root: Path = ROOT, configurations: Iterable[str] | None = None) -> list[Row]:
+def run_lint(root: Path = ROOT, configurations: Iterable[str] | None = None) -> list[verdict.Row]:
     """Lint rtl/ with every tool in every configuration, or in some of `CONFIGURATIONS`.
 
     Rows are PASS, FAIL (the tool complained) or ERROR (no result); InputError if a tool is missing.
@@ -156,7 +155,7 @@ def run_lint(root: Path = ROOT, configurations: Iterable[str] | None = None) -> 
     return rows
 
 
-def lint_wrapper(root: Path = ROOT) -> list[Row]:
+def lint_wrapper(root: Path = ROOT) -> list[verdict.Row]:
     """Lint the Caravan wrapper of rtl/harden with and without power pins; rows as `run_lint`."""
     top = Path(WRAPPER[-1]).stem
     rows = []
@@ -169,7 +168,7 @@ def lint_wrapper(root: Path = ROOT) -> list[Row]:
     return rows
 
 
-def lint_models(root: Path = ROOT) -> list[Row]:
+def lint_models(root: Path = ROOT) -> list[verdict.Row]:
     """Lint the real-number models in Icarus and Verilator (Yosys has no real numbers)."""
     lists = ("-f", FILE_LIST, "-f", MODELS_FILE_LIST)
     alone = ("-c", FILE_LIST, "-c", MODELS_FILE_LIST, "models/verilog/skin_alone.sv")

@@ -2,8 +2,10 @@
 """Tables and marks of Markdown."""
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 from dermis.errors import SimulatorError
+from dermis.files import write_between
 from dermis.report.verdict import Row
 
 
@@ -32,6 +34,12 @@ def rows_table(rows: Iterable[Row]) -> str:
         lines.append((f"`{row['name']}`", value, row["unit"], limit, row["status"], note))
     head = ("name", "value", "unit", "limit", "status", "note")
     return table(head, lines, "---|--:|---|---|---|---")
+
+
+def write(page: Path, name: str, command: str, content: str) -> None:
+    """Put a table of a command between its marks in a page; InputError if they are not there once."""
+    begin = f"<!-- begin: {name} (written by dermis {command} --docs) -->"
+    write_between(page, begin, f"<!-- end: {name} -->", content)
 
 
 def filled(text: str, parts: Mapping[str, str], name: str) -> str:

@@ -24,7 +24,6 @@ from dermis.processes import cpu_time
 from dermis.records import Plan
 from dermis.report import figures, output, verdict, waves
 from dermis.report.comparison import compare, fit_residual
-from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from dermis.scene.scene import SCENES
 from scripts import cosims
@@ -99,7 +98,7 @@ def frame_file_case(
     return Case("frame_file", scene, readback=unit == "codes")
 
 
-def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Row]:
+def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[verdict.Row]:
     """Read one scene through the chip, write its files and figures, and judge it."""
     options = {"simulator": case.simulator, "sync_latch": case.sync_latch, "record": case.record}
     result = cosim.run(made, on_slots, **options)
@@ -146,10 +145,10 @@ def draw_indenters() -> None:
     figures.save(figure, OUT / "indenters.png")
 
 
-def run(cases: list[Case]) -> tuple[list[Row], bool]:
+def run(cases: list[Case]) -> tuple[list[verdict.Row], bool]:
     """Run cases in parallel; return the rows in order, and True if a simulator failed."""
     plans = {case.name: plan.load(case.scene, "cosim") for case in cases}
-    tasks: dict[str, tuple[int, cosims.Task[list[Row]]]] = {}
+    tasks: dict[str, tuple[int, cosims.Task[list[verdict.Row]]]] = {}
     for case in cases:
         engines.check(made := plans[case.name])
         tasks[case.name] = made.frames * made.rows, partial(run_case, case, made)
@@ -157,7 +156,7 @@ def run(cases: list[Case]) -> tuple[list[Row], bool]:
         for case in cases:
             places.enter_context(output.place(OUT / case.name))
         read = cosims.run("reading the array", tasks)
-    rows: list[Row] = []
+    rows: list[verdict.Row] = []
     for name, found in read.items():
         failed = isinstance(found, SimulatorError)
         rows += [verdict.error(f"frame.code_error_lsb.{name}", str(found))] if failed else found

@@ -167,20 +167,10 @@ def api_page() -> str:
             if isinstance(value, property) or inspect.isfunction(value)
             if not member.startswith("_") and value.__doc__
         ]
-        names.append((name, thing, "" if inspect.isclass(thing) else _signature(thing), members))
+        # As it is written, of a function.
+        head = re.match(r"def \w+(\(.*?\)) ->", inspect.getsource(thing), re.S)
+        names.append((name, thing, head[1] if head else "", members))
     return templates.text("library.md", package=dermis, names=names, cleandoc=inspect.cleandoc)
-
-
-def _signature(function: Callable[..., object]) -> str:
-    parameters, lines = inspect.signature(function).parameters.values(), []
-    for parameter in parameters:
-        if parameter.kind is parameter.KEYWORD_ONLY and "*" not in lines:
-            lines.append("*")
-        kind = parameter.annotation
-        shown = parameter.replace(annotation=parameter.empty)
-        equals = f" = {parameter.default!r}" if parameter.default is not parameter.empty else ""
-        lines.append(f"{str(shown).partition('=')[0]}: {kind}{equals}")
-    return "(\n    " + ",\n    ".join(lines) + ",\n)" if lines else "()"
 
 
 DEMO_MARK = "<!-- demo -->"

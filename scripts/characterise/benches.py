@@ -624,20 +624,13 @@ BENCHES: dict[str, Bench] = {bench.name: bench for bench in _ALL}
 # Codes of 255 that a unit of a quantity is worth at x = 1/2, where it is worth most; by name up to the first dot. A
 # transient without any of them is not measured with another step or formula.
 CODES_A_UNIT: dict[str, float] = {
-    "packet_error": 255.0,
-    "chain_gain_error": 255.0,
-    "reference_error": 255.0,
-    "start_up_error": 255.0,
-    "chain_inl_lsb": 1.0,
-    "chain_offset_lsb": 1.0,
-    "chain_code_inl_lsb": 1.0,
-    "packet_density_lsb": 1.0,
-    "settling_lsb": 1.0,
+    **dict.fromkeys(("packet_error", "chain_gain_error", "reference_error", "start_up_error"), 255.0),
+    **dict.fromkeys(("chain_inl_lsb", "chain_offset_lsb", "chain_code_inl_lsb"), 1.0),
+    **dict.fromkeys(("packet_density_lsb", "settling_lsb"), 1.0),
     # A pulse longer by 1 ns of 200 is a packet larger by 0.5 %.
     "pulse_asymmetry": 255.0 / _PULSE_S,
     # Where a count begins, in packets of 1 V; the capacitor decides what half a volt of preset is in packets.
-    "preset_error_v": 1.0,
-    "comparator_offset_v": 1.0,
+    **dict.fromkeys(("preset_error_v", "comparator_offset_v"), 1.0),
     "capacitor_error": 0.5,
     # On 16 taxels of 500 ohm, 32 mS.
     "column_offset_v": 16 / 500 / 80 / 25e-6 * 510,

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from dermis.chip import spice_batch
 from dermis.chip.sky130 import CORNERS
-from dermis.files import write_between
 from dermis.report import verdict
 from dermis.report.figures import BLUE, GREEN, GREY, ORANGE, RED, save
 from dermis.report.output import machine_line
@@ -24,7 +23,6 @@ from scripts.characterise.runs import TYPICAL, Job, Outcome, Runs
 
 DOCS = ROOT / "docs" / "characterise.md"
 FIGURES = ROOT / "docs" / "figures"
-BEGIN, END = "<!-- begin: table (written by dermis characterise --docs) -->", "<!-- end: table -->"
 
 COLOURS = dict(zip(CORNERS, ("black", RED, BLUE, GREEN, ORANGE), strict=True))
 SPREADS = {
@@ -162,7 +160,7 @@ DRAWN: dict[str, tuple[Callable[[Outcomes, Figure], None], tuple[float, float]]]
 
 def write(found: Sequence[Series], runs: Runs) -> None:
     """Write table and figures."""
-    write_between(DOCS, BEGIN, END, table(found, runs))
+    markdown.write(DOCS, "table", "characterise", table(found, runs))
     for name, (draw, size) in DRAWN.items():
         figure = Figure(figsize=size, layout="constrained")
         draw(runs.outcomes, figure)

@@ -11,7 +11,6 @@ from dermis.chip import sky130, spice_batch
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.report import verdict
-from dermis.report.verdict import Row
 from dermis.scene import scene
 from dermis.scene.design import ROOT, Limit
 from dermis.scene.schema import read_toml
@@ -73,7 +72,7 @@ class Series:
         # A place of a row over every bench has the bench in it.
         return f"dermis characterise {'' if self.only in EVERY else f'--only {PREFIX}.{self.only} '}{where}"
 
-    def row(self) -> Row:
+    def row(self) -> verdict.Row:
         """Return its verdict: FAIL where a value misses, else ERROR where one is not there."""
         name, unit, told = f"{PREFIX}.{self.name}", benches.unit(self.only), ""
         if self.faults:
@@ -230,7 +229,7 @@ def write_values(outcomes: Mapping[Job, Outcome]) -> None:
     write_atomic(VALUES, json.dumps(told, indent=1) + "\n")
 
 
-def pads_row(pad_ohm: float | None = None) -> Row:
+def pads_row(pad_ohm: float | None = None) -> verdict.Row:
     """Return the verdict of pads.rows: the lowest code of a pressed 8x8 sheet behind row drivers and row pads."""
     pads = {"r_column_ohm": 0.0} | ({} if pad_ohm is None else {"r_row_ohm": pad_ohm})
     data = {

@@ -21,7 +21,6 @@ from dermis.files import text_of, write_atomic
 from dermis.places import BUILD, ROOT
 from dermis.processes import children
 from dermis.report import verdict
-from dermis.report.verdict import Row
 from scripts.judged import finish, tool
 
 SHEETS = ROOT / "spice" / "schematic"
@@ -294,7 +293,7 @@ def drawn(work: Path, sheets: Path = SHEETS) -> dict[str, Subckt]:
     return found
 
 
-def compare(text: Mapping[str, Subckt], sheets: Mapping[str, Subckt]) -> list[Row]:
+def compare(text: Mapping[str, Subckt], sheets: Mapping[str, Subckt]) -> list[verdict.Row]:
     """Return a row for each subcircuit with the number of its differences."""
     return [
         verdict.within(f"schematics.{name}", len(said), "differences", 0, 0, "; ".join(said))

@@ -5,7 +5,7 @@ import csv
 import io
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +80,7 @@ EQ3 = {"color": drawing.RED, "lw": 1.3, "ls": (0, (5, 2)), "label": "eq. (3): f 
 OHM, KHZ = "resistance of the taxel R / ohm", "pulse frequency f / kHz"
 FORCE = "force on the taxel F = K_f / R / N"
 
-Across, Scale = Callable[[Curve], Floats], Callable[[Floats], Floats]
+Scale = Callable[[Floats], Floats]
 
 
 def _force(ohm: Floats) -> Floats:
@@ -99,14 +99,17 @@ def _laws(
 
 
 def _marks(
-    axes: Any, curves: Sequence[Curve], across: Across, up: Across, most: int = 0, scale: Scale = np.asarray
+    axes: Any,
+    curves: Sequence[Curve],
+    points: Iterable[tuple[Floats, Floats]],
+    most: int = 0,
+    scale: Scale = np.asarray,
 ) -> None:
-    """Draw the points of each curve; with `most`, that number of all curves, each its share.
+    """Draw the points of each curve, across and up; with `most`, that number of all curves, each its share.
 
     Curves that coincide would hide each other.
     """
-    for number, curve in enumerate(curves):
-        x, y = across(curve), up(curve)
+    for number, (curve, (x, y)) in enumerate(zip(curves, points, strict=True)):
         picks = np.arange(x.size)
         if most:
             place = scale(x)
@@ -142,14 +145,8 @@ def frequency_figure(curves: Sequence[Curve], path: Path) -> None:
     whole, forces = figure.subplots(1, 2)
     for axes, at, unit, scale in ((whole, np.asarray, 1e3, np.log), (forces, _force, 1e6, np.asarray)):
         _laws(axes, curves[0], at, 1 / unit)
-        _marks(
-            axes,
-            curves,
-            lambda c, at=at: at(c.resistance_ohm),
-            lambda c, unit=unit: c.f_clk_hz / c.ideal.period_clocks / unit,
-            40,
-            scale,
-        )
+        points = [(at(c.resistance_ohm), c.f_clk_hz / c.ideal.period_clocks / unit) for c in curves]
+        _marks(axes, curves, points, 40, scale)
     _log_scales(whole, curves[0])
     _finish(whole, "Frequency against resistance", OHM, KHZ, "lower left")
     _finish(forces, "Frequency against force", FORCE, "pulse frequency f / MHz")
@@ -165,20 +162,15 @@ def code_figure(curves: Sequence[Curve], path: Path) -> None:
     near = min(1.55 * low, high)
     for axes, end, at in ((whole, high, _force), (foot, near, np.asarray)):
         _laws(axes, first, at, first.gate / first.f_clk_hz, end)
-        _marks(
-            axes,
-            curves,
-            lambda c, at=at, end=end: at(c.resistance_ohm[c.resistance_ohm <= end]),
-            lambda c, end=end: c.ideal.code[c.resistance_ohm <= end],
-            48,
-        )
+        below = first.resistance_ohm <= end
+        _marks(axes, curves, [(at(c.resistance_ohm[below]), c.ideal.code[below]) for c in curves], 48)
     foot.set(xlim=(0.985 * low, near), ylim=(0.3 * first.gate, 0.52 * first.gate))
     _finish(whole, "Code against force", FORCE, f"code (pulses in {first.gate} clocks)", "upper left")
     gap = np.abs(first.ideal.pulses - first.pulses_eq3).max()
     _finish(foot, f"The laws differ by up to {gap} counts just above {low:g} ohm", OHM, "code")
 
     steps = f"charge balance, {first.gate} x / LSB"
-    _marks(ideal, curves, lambda c: c.gate * c.x, lambda c: c.ideal.code - c.gate * c.x, 120)
+    _marks(ideal, curves, [(c.gate * c.x, c.ideal.code - c.gate * c.x) for c in curves], 120)
     for limit in (-0.5, 0.5):
         ideal.axhline(limit, color=drawing.GREY, lw=0.8, ls="--")
     ideal.set_ylim(-1.1, 1.1)
@@ -189,7 +181,8 @@ def code_figure(curves: Sequence[Curve], path: Path) -> None:
     def duty(curve: Curve) -> Floats:
         return curve.gate * curve.x[curve.physical.at]
 
-    _marks(physical, drawn, duty, lambda c: c.gate / c.physical.reading.line_clocks - duty(c), 200)
+    points = [(duty(c), c.gate / c.physical.reading.line_clocks - duty(c)) for c in drawn]
+    _marks(physical, drawn, points, 200)
     for curve in drawn:
         colour = LOOKS[curve.topology][1]
         physical.plot(duty(curve), curve.gate * curve.physical.x - duty(curve), color=colour, lw=1)
@@ -207,16 +200,16 @@ def transistor_figure(curves: Sequence[Curve], path: Path) -> None:
     figure = Figure(figsize=(10, 4.9), layout="constrained")
     whole, rest = figure.subplots(1, 2)
     _laws(whole, curves[0], np.asarray, 1e-3, eq3=False)
-    _marks(whole, curves, lambda c: c.resistance_ohm, lambda c: c.f_clk_hz / c.ideal.line_clocks / 1e3)
+    _marks(whole, curves, [(c.resistance_ohm, c.f_clk_hz / c.ideal.line_clocks / 1e3) for c in curves])
     _log_scales(whole, curves[0])
     _finish(whole, "f against R, channels in transistors (tt, 27 C)", OHM, KHZ, "lower left")
 
-    def left(curve: Curve) -> Floats:
-        reading = unlimited(curve.ideal)
+    left = []
+    for curve in curves:
+        reading, x = unlimited(curve.ideal), curve.gate * curve.x
         gain, offset, _ = straight_line(curve, reading) or (math.nan, math.nan, math.nan)
-        return curve.gate / reading.line_clocks - gain * curve.gate * curve.x - offset
-
-    _marks(rest, curves, lambda c: c.gate * c.x, left)
+        left.append((x, curve.gate / reading.line_clocks - gain * x - offset))
+    _marks(rest, curves, left)
     rest.set_xscale("log")
     marks = (2, 5, 10, 20, 50, 100, 255)
     rest.set_xticks(marks, [str(mark) for mark in marks])

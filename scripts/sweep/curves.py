@@ -26,7 +26,6 @@ from dermis.files import write_atomic
 from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
 from dermis.report import comparison, verdict
-from dermis.report.verdict import Row
 from dermis.scene.design import ROOT, Design, exact
 from dermis.scene.design import load as load_design
 from scripts import cosims
@@ -156,21 +155,17 @@ class Reading:
 def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -> Reading:
     """Read a plan through Verilog and ngspice in lock-step; find the pulses in the trace."""
     result = cosim.run(made, on_slots, record=True, work=work)
-    charge = [frame for part in result.info["records"] for frame in charge_frames(part, made)]
+    timing, charge = made.timing, []
+    # Between two frames there are clocks without a row, which belong to neither.
+    length = made.rows * timing.slot_clocks - timing.break_clocks
+    for record in result.info["records"]:
+        words = np.array(record["trace"]["charge"], dtype=object)
+        bits = np.array([words >> c & 1 for c in range(made.cols)], dtype=bool).T
+        frames = len(record["codes"]) // made.rows
+        charge += [bits[begin : begin + length] for begin in record["trace"]["begins"][:frames]]
     pulses, period, line = find_pulses(np.stack(charge), made)
     codes = result.codes.astype(np.int64)
     return Reading(*(out_of_frames(values, points) for values in (pulses, codes, period, line)))
-
-
-def charge_frames(record: dict[str, Any], made: Plan) -> list[Bools]:
-    """Return the charge switches of a process, [clocks, cols] per frame; entry n follows edge n + 1."""
-    frames, timing = len(record["codes"]) // made.rows, made.timing
-    words = record["trace"]["charge"]
-    bits = np.array([[word >> c & 1 for c in range(made.cols)] for word in words], dtype=bool)
-    # Between two frames there are clocks without a row, which belong to neither.
-    begins = record["trace"]["begins"][:frames]
-    length = made.rows * timing.slot_clocks - timing.break_clocks
-    return [bits[begin : begin + length] for begin in begins]
 
 
 def find_pulses(charge: Bools, made: Plan) -> tuple[Ints, Floats, Floats]:
@@ -249,7 +244,7 @@ def make_physical(made: Plan, at: Ints, reading: Reading) -> Physical:
     return Physical(at, reading, out_of_frames(duty, at.size), codes)
 
 
-def judge(curve: Curve) -> list[Row]:
+def judge(curve: Curve) -> list[verdict.Row]:
     """Return the verdict rows of one interface."""
     ideal, on_code, gate = curve.ideal, curve.on_code, curve.gate
 
@@ -278,7 +273,7 @@ def judge(curve: Curve) -> list[Row]:
         ("period_error_lsb", period, "lsb", f"f from first and last pulse, in counts of {gate} clocks"),
         ("frequency_linearity_lsb", fit and fit[2], "lsb", said),
     ]
-    last: list[Row] = []
+    last: list[verdict.Row] = []
     if (some := curve.physical) is not None:
         fit, line = straight_line(curve, some.reading, some.at), "straight line of f against 1/R"
         shift = _largest(gate / some.reading.line_clocks - gate * curve.x[some.at])
@@ -322,7 +317,7 @@ def unlimited(reading: Reading) -> Reading:
     return replace(reading, line_clocks=np.where(reading.line_clocks > 2.0, reading.line_clocks, np.nan))
 
 
-def judge_laws(curves: Sequence[Curve]) -> Row:
+def judge_laws(curves: Sequence[Curve]) -> verdict.Row:
     """Judge the separation of the two laws by the interface with the smallest one."""
     name = "sweep.eq3_difference_lsb"
     if not curves:
@@ -335,7 +330,7 @@ def judge_laws(curves: Sequence[Curve]) -> Row:
     return verdict.judge(name, gap, f"pulses read less eq. (3) in one gate, {topology} at {ohm:.6g} ohm")
 
 
-def plain_ngspice(work: Path) -> list[Row]:
+def plain_ngspice(work: Path) -> list[verdict.Row]:
     """Run a peer without Verilog: a batch transient of ngspice with an XSPICE flip-flop."""
     name, judged = "sweep.plain_ngspice_pulses_510", "sweep.rate_error_lsb.plain_ngspice"
     # A copy, because the runner writes next to the deck, and `.include` is relative to it.
@@ -363,7 +358,7 @@ def plain_ngspice(work: Path) -> list[Row]:
 
 def run(
     topologies: Sequence[str], points: int, out: Path, *, with_physical: bool = True
-) -> tuple[list[Curve], list[Row], bool]:
+) -> tuple[list[Curve], list[verdict.Row], bool]:
     """Sweep some interfaces; `out` is for scenes, logs and the decks of a failed run.
 
     Returns the curves of the interfaces that were read, verdict rows, and whether a simulator failed.
@@ -389,7 +384,7 @@ def run(
     tasks = {name: (made.frames * made.rows, partial(one, name)) for name, (made, _) in plans.items()}
     readings = cosims.run("sweeping", tasks)
     curves: list[Curve] = []
-    rows: list[Row] = []
+    rows: list[verdict.Row] = []
     for topology in topologies:
         ideal, real = readings[topology], readings.get(f"{topology}_physical")
         if isinstance(ideal, SimulatorError):
@@ -414,7 +409,9 @@ POINTS_TRANSISTORS = 8
 """A packet costs about 20 ms, so a point at 500 ohm takes as long as all others together."""
 
 
-def run_transistors(topologies: Sequence[str], points: int, out: Path) -> tuple[list[Curve], list[Row], bool]:
+def run_transistors(
+    topologies: Sequence[str], points: int, out: Path
+) -> tuple[list[Curve], list[verdict.Row], bool]:
     """Sweep some interfaces in transistors (tt, 27 C); as `run`.
 
     Each resistance is a single taxel: one row, one column and one frame, which starts settled.
@@ -435,7 +432,7 @@ def run_transistors(topologies: Sequence[str], points: int, out: Path) -> tuple[
 
     tasks = {topology: (made.frames * made.rows, partial(one, topology)) for topology, made in plans.items()}
     curves: list[Curve] = []
-    rows: list[Row] = []
+    rows: list[verdict.Row] = []
     for topology, reading in cosims.run("sweeping", tasks, at_once=1).items():
         if isinstance(reading, SimulatorError):
             rows.append(verdict.error(f"sweep.transistor_linearity_lsb.{topology}", str(reading), "lsb"))
@@ -453,7 +450,7 @@ def _circuits(made: Plan) -> str:
     return hashlib.sha256(keys.encode()).hexdigest()[:24]
 
 
-def judge_line(curve: Curve) -> list[Row]:
+def judge_line(curve: Curve) -> list[verdict.Row]:
     """Return the rows of one interface: gain, offset, and largest distance from a straight line."""
     name, reading = curve.topology, unlimited(curve.ideal)
     key, fit = f"sweep.transistor_linearity_lsb.{name}", straight_line(curve, reading)

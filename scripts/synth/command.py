@@ -14,10 +14,8 @@ from typing import Any
 import click
 
 from dermis.errors import InputError, SimulatorError, one_line
-from dermis.files import write_between
 from dermis.processes import children
 from dermis.report import progress, verdict
-from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design
 from scripts import markdown
@@ -28,10 +26,6 @@ from scripts.synth.map import RAM, Netlist, Size, map_design, map_once
 from scripts.synth.timing import ASYNC, CLOCKS, GATING, SDC, Path_, Timing
 
 DOCS = "docs/synthesis.md"
-MARKS = {
-    name: (f"<!-- begin: {name} (written by dermis {command} --docs) -->", f"<!-- end: {name} -->")
-    for name, command in (("synth", "synth"), ("blocks", "synth"), ("sizes", "synth --sizes"), ("gl", "gl"))
-}
 SIZES = ((8, 8), (16, 16), (64, 64), (16, 1))  # small, the paper's, large, and one column
 # Above this number of bits, Yosys takes minutes for a frame memory of latches; it is left out, with a note.
 MEMORY_LIMIT_BITS = 20_000
@@ -56,7 +50,9 @@ def sdc_periods(sdc: Path = SDC) -> dict[str, float]:
     return {clock: float(found[clock]) for clock in CLOCKS}
 
 
-def attempt(rows: list[Row], name: str, work: Callable[..., list[Row]], *arguments: Any) -> None:
+def attempt(
+    rows: list[verdict.Row], name: str, work: Callable[..., list[verdict.Row]], *arguments: Any
+) -> None:
     """Add the rows of a call, or an ERROR row with its failure."""
     try:
         rows += work(*arguments)
@@ -64,7 +60,7 @@ def attempt(rows: list[Row], name: str, work: Callable[..., list[Row]], *argumen
         rows.append(verdict.error(name, one_line(str(error), 300)))
 
 
-def netlist_rows(netlist: Netlist, size: Size, suffix: str, *, memory: bool = True) -> list[Row]:
+def netlist_rows(netlist: Netlist, size: Size, suffix: str, *, memory: bool = True) -> list[verdict.Row]:
     """Judge the contents of a flat netlist, with its frame memory or as it is without."""
     intended = size.latches + size.memory_bits * memory
     unreset = size.memory_flops * memory
@@ -88,7 +84,7 @@ def netlist_rows(netlist: Netlist, size: Size, suffix: str, *, memory: bool = Tr
     ]
 
 
-def timing_rows(netlist: Netlist, suffix: str) -> list[Row]:
+def timing_rows(netlist: Netlist, suffix: str) -> list[verdict.Row]:
     """Judge setup at the slow corner and hold at the fast one, and report the highest clocks."""
     periods, technology = sdc_periods(), netlist.technology
     slow, fast = (
@@ -105,7 +101,7 @@ def timing_rows(netlist: Netlist, suffix: str) -> list[Row]:
     setup = slow.worst(periods)
     untimed = slow.untimed()
     hold = setup if slow == fast else fast.worst(periods)
-    rows: list[Row] = []
+    rows: list[verdict.Row] = []
 
     def add(name: str, value: float, unit: str, note: str) -> None:
         rows.append(verdict.measured(f"{name}.{suffix}", value, unit, note))
@@ -130,7 +126,7 @@ def timing_rows(netlist: Netlist, suffix: str) -> list[Row]:
     return rows
 
 
-def equivalence_rows(netlist: Netlist, size: Size, suffix: str) -> list[Row]:
+def equivalence_rows(netlist: Netlist, size: Size, suffix: str) -> list[verdict.Row]:
     """Judge the equivalence of netlist and Verilog."""
     work = netlist.directory / "equivalence"
     proof = prove(netlist.technology, size.parameters, netlist.verilog, netlist.json, work)
@@ -142,7 +138,7 @@ def equivalence_rows(netlist: Netlist, size: Size, suffix: str) -> list[Row]:
     return [verdict.judge(name, 0 if proof.proved else 1, note if proof.proved else f"{note}; {proof.said}")]
 
 
-def block_rows(technology: Technology, size: Size, suffix: str) -> list[Row]:
+def block_rows(technology: Technology, size: Size, suffix: str) -> list[verdict.Row]:
     """Report the area of each module, submodules and all instances included."""
     made = map_design(technology, size.parameters, place(technology, size), hierarchical=True)
     rows = [verdict.report(f"synth.area_by_blocks_um2.{suffix}", made.area_um2, "um2", "hierarchy kept")]
@@ -154,12 +150,12 @@ def block_rows(technology: Technology, size: Size, suffix: str) -> list[Row]:
 
 def synthesise(
     technology: Technology, size: Size, *, blocks: bool = True, equivalence: bool = True
-) -> tuple[list[Row], Netlist | None]:
+) -> tuple[list[verdict.Row], Netlist | None]:
     """Map one size in one library; return the rows that judge it, and the netlist if there is one."""
-    suffix, rows, made = f"{technology.name}.{size.name}", list[Row](), list[Netlist]()
+    suffix, rows, made = f"{technology.name}.{size.name}", list[verdict.Row](), list[Netlist]()
     start = time.perf_counter()
 
-    def make() -> list[Row]:
+    def make() -> list[verdict.Row]:
         made.append(map_once(technology, size.parameters, place(technology, size), fresh=True))
         return netlist_rows(made[0], size, suffix)
 
@@ -175,44 +171,44 @@ def synthesise(
     return rows, made[0] if made else None
 
 
-def constraint_rows() -> list[Row]:
+def constraint_rows() -> list[verdict.Row]:
     """Judge the clock period of the constraint file against the design."""
     wanted = 1e9 / load_design().converter.f_clk_hz
     error, note = abs(sdc_periods()["clk"] - wanted), f"{SDC.name} against {wanted:g} ns of design.toml"
     return [verdict.judge("synth.clk_period_error_ns", error, note)]
 
 
-def size_rows(technology: Technology, size: Size) -> list[Row]:
+def size_rows(technology: Technology, size: Size) -> list[verdict.Row]:
     """Map a size without its frame memory, then one bank; the highest clocks are those with memory.
 
     Above MEMORY_LIMIT_BITS the memory is a black box in the timing, and its area is scaled from a
     smaller bank.
     """
     suffix = f"{technology.name}.{size.name}"
-    rows: list[Row] = []
+    rows: list[verdict.Row] = []
     whole = size.memory_bits <= MEMORY_LIMIT_BITS
 
-    def bare() -> list[Row]:
+    def bare() -> list[verdict.Row]:
         directory = place(technology, size, "_no_memory")
         made = map_design(technology, size.parameters, directory, black_box_memory=True)
         own = netlist_rows(made, size, f"{suffix}.no_memory", memory=False)
         return own if whole else own + fmax(made)
 
-    def memory() -> list[Row]:
+    def memory() -> list[verdict.Row]:
         words = size.bank_bytes if whole else MEMORY_LIMIT_BITS // 16
         bank = map_design(technology, {"WORDS": words}, place(technology, size, "_bank"), top=RAM)
         per_bit = bank.area_um2 / bank.latches
         note = "two banks" if whole else f"from {bank.latches} bits, {per_bit:.1f} um2 each"
         return [verdict.report(f"synth.memory_um2.{suffix}", per_bit * size.memory_bits, "um2", note)]
 
-    def fmax(made: Netlist) -> list[Row]:
+    def fmax(made: Netlist) -> list[verdict.Row]:
         directory = made.directory / "sizes"
         at = Timing(technology, technology.slow, made.verilog, directory, black_boxes=not whole)
         found = at.highest(sdc_periods()).items()
         names = {clock: f"synth.highest_mhz.{clock}.{suffix}" for clock, _ in found}
         return [verdict.measured(names[c], 1e3 / one.period_ns, "MHz", str(one.path)) for c, one in found]
 
-    def full() -> list[Row]:
+    def full() -> list[verdict.Row]:
         made = map_once(technology, size.parameters, place(technology, size))
         return netlist_rows(made, size, suffix) + fmax(made)
 
@@ -223,11 +219,10 @@ def size_rows(technology: Technology, size: Size) -> list[Row]:
     return rows
 
 
-def write_docs(**tables: Sequence[Row]) -> None:
-    """Write tables of rows between their marks in docs/synthesis.md."""
+def write_docs(command: str, **tables: Sequence[verdict.Row]) -> None:
+    """Write tables of rows of a command between their marks in docs/synthesis.md."""
     for name, rows in tables.items():
-        begin, end = MARKS[name]
-        write_between(ROOT / DOCS, begin, end, markdown.rows_table(rows))
+        markdown.write(ROOT / DOCS, name, command, markdown.rows_table(rows))
     click.echo(f"written: {DOCS}")
 
 
@@ -274,7 +269,7 @@ def synth_command(
         for corner in technology.corners:
             technology.liberty(corner)
     base = default_size()
-    judged: list[Row] = [] if sizes else constraint_rows()
+    judged: list[verdict.Row] = [] if sizes else constraint_rows()
     size = Size(rows or base.rows, cols or base.cols, code_bits or base.code_bits, sync_latch)
     wanted = [Size(*one, base.code_bits) for one in SIZES] if sizes else [size]
     runs = [(technology, one) for technology in chosen for one in wanted]
@@ -288,8 +283,8 @@ def synth_command(
     title = "Synthesis of sizes" if sizes else f"Synthesis of {size.name}"
     code = finish("synth_sizes" if sizes else "synth", judged, f"{title}, before layout")
     if docs and code == 0 and sizes:
-        write_docs(sizes=judged)
+        write_docs("synth --sizes", sizes=judged)
     elif docs and code == 0:
         blocks = [row for row in judged if row["name"].startswith("synth.block_um2.")]
-        write_docs(synth=[row for row in judged if row not in blocks], blocks=blocks)
+        write_docs("synth", synth=[row for row in judged if row not in blocks], blocks=blocks)
     return code

@@ -297,7 +297,8 @@ def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: p
 
     monkeypatch.setattr(docs, "DOCS", build / "page.md")
     monkeypatch.setattr(docs, "FIGURES", build)
-    docs.DOCS.write_text(f"before\n{docs.BEGIN}\nold\n{docs.END}\nafter\n")
+    begin = "<!-- begin: table (written by dermis characterise --docs) -->"
+    docs.DOCS.write_text(f"before\n{begin}\nold\n<!-- end: table -->\nafter\n")
     made, units = Runs([]), BENCHES["vfc_sink"].units
     for n, value in ((None, 0.001), (1, 0.004), (2, -0.03), (3, 0.08)):
         made.outcomes[Job("vfc_sink", Condition(sample=n))] = runs.Outcome(dict.fromkeys(units, value))
