@@ -8,7 +8,7 @@ import json
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -44,18 +44,9 @@ class Measured:
     source: str
 
 
-def _build_rows() -> Iterator[tuple[str, Measured]]:
-    """Return the rows of build/*.json."""
-    for path in sorted(BUILD.glob("*.json")):
-        data = json.loads(path.read_text(encoding="utf-8"))
-        for row in data if isinstance(data, list) else []:
-            if isinstance(row, dict) and isinstance(row.get("value"), int | float):
-                value = f"{row['value']:.6g}"
-                yield row["name"], Measured("", value, "", row["unit"], row["status"], f"build/{path.name}")
-
-
-def _page_rows() -> Iterator[tuple[str, Measured]]:
-    """Return the rows of the tables that commands wrote into pages of docs/."""
+def measured() -> dict[str, Measured]:
+    """Return measured rows by name, from build/*.json, else as commands recorded them in the pages of docs/."""
+    found: dict[str, Measured] = {}
     for path in sorted((ROOT / "docs").glob("*.md")):
         for table in TABLE.findall(path.read_text(encoding="utf-8")):
             head, _, *lines = ([cell.strip(" `") for cell in _cells(line)] for line in table.splitlines())
@@ -67,12 +58,14 @@ def _page_rows() -> Iterator[tuple[str, Measured]]:
                 value = next((row[key] for key in ("value", "typical", "result") if key in row), "")
                 number, _, unit = value.partition(" ")
                 cells = (row.get("least", ""), number, row.get("most", ""), row.get("unit", unit))
-                yield name, Measured(*cells, row.get("status", ""), f"docs/{path.name}")
-
-
-def measured() -> dict[str, Measured]:
-    """Return measured rows by name, from build/, else as recorded in docs/."""
-    return {**dict(_page_rows()), **dict(_build_rows())}
+                found[name] = Measured(*cells, row.get("status", ""), f"docs/{path.name}")
+    for path in sorted(BUILD.glob("*.json")):
+        data = json.loads(path.read_text(encoding="utf-8"))
+        for row in data if isinstance(data, list) else []:
+            if isinstance(row, dict) and isinstance(row.get("value"), int | float):
+                value = f"{row['value']:.6g}"
+                found[row["name"]] = Measured("", value, "", row["unit"], row["status"], f"build/{path.name}")
+    return found
 
 
 def row(found: Mapping[str, Measured], name: str, meaning: str) -> str:
@@ -244,19 +237,17 @@ def shorten_tables(source: Path) -> None:
         # Two lines are the header; a table with two rows more stays.
         long = (table for table in tables if table.count("\n") > SHOWN_ROWS + 4)
         for number, table in enumerate(long, 1):
-            text = text.replace(table, _shortened(table, source, f"tables/{name}_{number}.csv"))
+            head, rule, *rows = table.rstrip("\n").split("\n")
+            cells = {row: [cell.strip(" `") for cell in _cells(row)] for row in (head, *rows)}
+            file = f"tables/{name}_{number}.csv"
+            with (source / file).open("w", encoding="utf-8", newline="") as out:
+                csv.writer(out).writerows(cells[row] for row in (head, *rows))
+            missed = [row for row in rows if {"FAIL", "ERROR"} & {*cells[row]}]
+            shown = [*missed, *(row for row in rows if row not in missed)][:SHOWN_ROWS]
+            first = f", the {len(missed)} missed limits first" if missed else ""
+            said = f"{len(shown)} of {len(rows)} rows{first}; all are in [{file}]({file})."
+            text = text.replace(table, "\n".join([head, rule, *shown, "", said, ""]))
         page.write_text(text, encoding="utf-8")
-
-
-def _shortened(table: str, source: Path, file: str) -> str:
-    head, rule, *rows = table.rstrip("\n").split("\n")
-    with (source / file).open("w", encoding="utf-8", newline="") as out:
-        csv.writer(out).writerows([cell.strip(" `") for cell in _cells(line)] for line in (head, *rows))
-    missed = [row for row in rows if {"FAIL", "ERROR"} & {cell.strip() for cell in _cells(row)}]
-    shown = [*missed, *(row for row in rows if row not in missed)][:SHOWN_ROWS]
-    first = f", the {len(missed)} missed limits first" if missed else ""
-    said = f"{len(shown)} of {len(rows)} rows{first}; all are in [{file}]({file})."
-    return "\n".join([head, rule, *shown, "", said, ""])
 
 
 def _cells(line: str) -> list[str]:

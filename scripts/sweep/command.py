@@ -36,14 +36,23 @@ def table(curves: Sequence[Curve]) -> str:
         for i, ohm in enumerate(curve.resistance_ohm):
             ideal = _measured(curve, curve.ideal, i)
             real = _measured(curve, some.reading, where[i]) if i in where else dict.fromkeys(ideal, math.nan)
-            line = {"topology": curve.topology, "r_ohm": float(ohm), "x": float(curve.x[i]), **ideal}
+            line: dict[str, Any] = {
+                "topology": curve.topology,
+                "r_ohm": float(ohm),
+                "x": float(curve.x[i]),
+                **ideal,
+            }
             line |= {
                 "f_charge_balance_hz": hz * curve.x[i],
                 "pulses_charge_balance": curve.pulses_charge_balance[i],
             }
             line |= {"f_eq3_hz": hz / curve.period_eq3_clocks[i], "pulses_eq3": curve.pulses_eq3[i]}
             line |= {f"physical_{name}": value for name, value in real.items()}
-            lines.append({name: _cell(value) for name, value in line.items()})
+            for name, value in line.items():
+                if isinstance(value, float):
+                    number = repr(round(float(value), 3) if value > 10_000 else float(value))
+                    line[name] = "" if math.isnan(value) else number
+            lines.append(line)
     text = io.StringIO()
     writer = csv.DictWriter(text, lines[0], lineterminator="\n")
     writer.writeheader()
@@ -60,12 +69,6 @@ def _measured(curve: Curve, reading: Reading, i: int) -> dict[str, float]:
         "f_period_hz": hz / reading.period_clocks[i],
         "f_line_hz": hz / reading.line_clocks[i],
     }
-
-
-def _cell(value: Any) -> str:
-    if not isinstance(value, float):
-        return str(value)
-    return "" if math.isnan(value) else repr(round(float(value), 3) if value > 10_000 else float(value))
 
 
 LOOKS = {
@@ -250,15 +253,11 @@ def sweep_command(
     name = "sweep" if view == "behavioural" else f"sweep_{view}"
     out = output.prepare(BUILD / name if directory is None else directory)
     chosen = tuple(dict.fromkeys(topology)) or TOPOLOGIES
-    if view == "behavioural":
-        points = points or 256
-        made, rows, failed = curves.run(chosen, points, out, with_physical=physical)
-    else:
-        if not physical:
-            allowed = "only with --view behavioural, whose blocks are ideal or have physical defaults"
-            raise InputError("command line", "--no-physical", f"--view {view}", allowed)
-        points = points or curves.POINTS_TRANSISTORS
-        made, rows, failed = curves.run_transistors(chosen, points, out)
+    if view == "sky130" and not physical:
+        allowed = "only with --view behavioural, whose blocks are ideal or have physical defaults"
+        raise InputError("command line", "--no-physical", f"--view {view}", allowed)
+    points = points or (256 if view == "behavioural" else curves.POINTS_TRANSISTORS)
+    made, rows, failed = curves.run(chosen, points, out, view, with_physical=physical)
     for file in FILES:
         (out / file).unlink(missing_ok=True)  # no file of an earlier sweep stays
     if made:
