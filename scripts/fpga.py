@@ -123,5 +123,6 @@ def fpga_command(board: str | None) -> int:
     with progress.slots("fpga", len(chosen), "boards") as tell:
         for done, name in enumerate(chosen):
             tell(done, name)
-            attempt(rows, f"fpga.{name}", build, name)
+            with attempt(rows, f"fpga.{name}"):
+                rows += build(name)
     return judged.finish("fpga", rows, "FPGA boards, untried on hardware")

@@ -25,7 +25,7 @@ from scripts.liberty import PREFIX, view
 from scripts.lint import header_values
 from scripts.synth import power
 from scripts.synth.cells import TECHNOLOGIES, Technology, osu035
-from scripts.synth.command import attempt, default_size, place, size_options, write_docs
+from scripts.synth.command import attempt, place, size_options, write_docs
 from scripts.synth.map import TOP, Netlist, Size, map_once
 
 BENCHES = ROOT / "tb" / "rtl"
@@ -103,9 +103,9 @@ def run(
         raise SimulatorError(f"{error.what}, {design.name}", error.log) from None
 
 
-def pins_of(design: Design, scenario: Mapping[str, Any] = SCENARIO) -> Any:
+def pins_of(design: Design) -> Any:
     """Return frames, registers and all pins in every clock of a design."""
-    return run(design, PIN_BENCH, "reads_frames", scenario)
+    return run(design, PIN_BENCH, "reads_frames", SCENARIO)
 
 
 def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> list[verdict.Row]:
@@ -218,7 +218,11 @@ def power_rows(netlist: Netlist, size: Size, slots: Mapping[str, int], suffix: s
     for (row, col), code in np.ndenumerate(most[: size.rows, : size.cols]):
         x[row][col] = (int(code), 510)
     vcd = netlist.directory / "toggles.vcd"
-    design = netlist_design(replace(netlist, verilog=power.dumping(netlist, vcd)))
+    # A copy of the netlist writes the changes of its nets.
+    head, end, rest = netlist.verilog.read_text().rpartition("endmodule")
+    dump = f'  initial begin $dumpfile("{vcd}"); $dumpvars(1, dermis_top); end\n'
+    vcd.with_suffix(".v").write_text(f"{head}{dump}{end}{rest}")
+    design = netlist_design(replace(netlist, verilog=vcd.with_suffix(".v")))
     scenario = {"parameters": size.parameters | slots, "x": x, "gate": 510, "sck_hz": 5e6, "frames": 1}
 
     def with_changes(command: Sequence[str], *rest: Any) -> None:
@@ -243,43 +247,38 @@ def gate_level(technology: Technology, size: Size) -> list[verdict.Row]:
     """Run all tests of the top on a small netlist; compare pins, codes, registers at full size."""
     rows: list[verdict.Row] = []
 
-    def small() -> list[verdict.Row]:
+    def small(suffix: str) -> list[verdict.Row]:
         parameters = SMALL.parameters | SMALL_SLOTS
         netlist = map_once(technology, parameters, place(technology, SMALL, "_gl"))
-        return top_rows(netlist, parameters, f"{technology.name}.{SMALL.name}", SMALL_TESTS)
+        return top_rows(netlist, parameters, suffix, SMALL_TESTS)
 
-    def whole() -> list[verdict.Row]:
-        suffix = f"{technology.name}.{size.name}"
+    def whole(suffix: str) -> list[verdict.Row]:
         netlist = map_once(technology, size.parameters, place(technology, size))
         made = pin_rows(netlist, size, suffix)
         # The bench needs the default values.
         header = header_values()
         slots = {name: header[f"DERMIS_{name}"] for name in SMALL_SLOTS}
         # All registers would take Icarus some 100 000 clocks: codes only.
-        tests = [charge_balance(size)]
-        made += top_rows(netlist, size.parameters | slots, suffix, tests, WHOLE_LIMIT_S)
+        made += top_rows(netlist, size.parameters | slots, suffix, [charge_balance(size)], WHOLE_LIMIT_S)
         return made + (power_rows(netlist, size, slots, suffix) if technology.name == "sky130" else [])
 
     for work, array in ((small, SMALL), (whole, size)):
-        start = time.perf_counter()
-        attempt(rows, f"gl.failed_tests.{technology.name}.{array.name}", work)
+        start, suffix = time.perf_counter(), f"{technology.name}.{array.name}"
+        with attempt(rows, f"gl.failed_tests.{suffix}"):
+            rows += work(suffix)
         seconds = time.perf_counter() - start
-        note = "both sides, and mapping if needed"
-        rows.append(verdict.report(f"gl.seconds.{technology.name}.{array.name}", seconds, "s", note))
+        rows.append(verdict.report(f"gl.seconds.{suffix}", seconds, "s", "both sides, and mapping if needed"))
     return rows
 
 
 @click.command("gl")
 @size_options
 @children.ending()
-def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, docs: bool) -> int:
+def gl_command(chosen: list[Technology], size: Size, own: bool, docs: bool) -> int:
     """Compare the mapped netlist with the Verilog in the tests of the top; write build/gl.json."""
-    if docs and (tech != "both" or rows is not None or cols is not None or sync_latch):
+    if docs and (len(chosen) < len(TECHNOLOGIES) or own):
         raise InputError("command line", "--docs", "with a choice", "a whole run")
-    base = default_size()
-    size = Size(rows or base.rows, cols or base.cols, base.code_bits, sync_latch)
     judged: list[verdict.Row] = []
-    chosen = [TECHNOLOGIES[name] for name in (TECHNOLOGIES if tech == "both" else (tech,))]
     with progress.slots("gl", len(chosen), "libraries") as tell:
         for done, technology in enumerate(chosen):
             tell(done, f"{size.name} in {technology.name}")

@@ -5,9 +5,11 @@ Every figure is parsed from the output of a tool; a failure or an unexpected war
 row.
 """
 
+import contextlib
+import functools
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,12 +52,11 @@ def sdc_periods(sdc: Path = SDC) -> dict[str, float]:
     return {clock: float(found[clock]) for clock in CLOCKS}
 
 
-def attempt(
-    rows: list[verdict.Row], name: str, work: Callable[..., list[verdict.Row]], *arguments: Any
-) -> None:
-    """Add the rows of a call, or an ERROR row with its failure."""
+@contextlib.contextmanager
+def attempt(rows: list[verdict.Row], name: str) -> Iterator[None]:
+    """Add an ERROR row for a failure of a tool in the block."""
     try:
-        rows += work(*arguments)
+        yield
     except SimulatorError as error:
         rows.append(verdict.error(name, one_line(str(error), 300)))
 
@@ -121,12 +122,12 @@ def timing_rows(netlist: Netlist, suffix: str) -> list[verdict.Row]:
     add("safe.off_ns", slow.to_safe_ns(periods), "ns", f"corner {slow.corner}, from enable_i")
     for clock, path in slow.crossings(periods).items():
         add(f"synth.crossing_slack_ns.{clock}", path.slack_ns, "ns", said(slow, path))
-    for clock, one in slow.highest(periods).items():
-        add(f"synth.highest_mhz.{clock}", 1e3 / one.period_ns, "MHz", said(slow, one.path))
+    for clock, (period_ns, path) in slow.highest(periods).items():
+        add(f"synth.highest_mhz.{clock}", 1e3 / period_ns, "MHz", said(slow, path))
     return rows
 
 
-def equivalence_rows(netlist: Netlist, size: Size, suffix: str) -> list[verdict.Row]:
+def equivalence_row(netlist: Netlist, size: Size, suffix: str) -> verdict.Row:
     """Judge the equivalence of netlist and Verilog."""
     work = netlist.directory / "equivalence"
     proof = prove(netlist.technology, size.parameters, netlist.verilog, netlist.json, work)
@@ -134,41 +135,41 @@ def equivalence_rows(netlist: Netlist, size: Size, suffix: str) -> list[verdict.
     note = f"{proof.state_bits} state bits, {proof.outputs} functions"
     note += f", {proof.unpaired} state bits without a partner are free" if proof.unpaired else ""
     if proof.proved is None:
-        return [verdict.error(name, f"not decided; {note}; {proof.said}")]
-    return [verdict.judge(name, 0 if proof.proved else 1, note if proof.proved else f"{note}; {proof.said}")]
-
-
-def block_rows(technology: Technology, size: Size, suffix: str) -> list[verdict.Row]:
-    """Report the area of each module, submodules and all instances included."""
-    made = map_design(technology, size.parameters, place(technology, size), hierarchical=True)
-    rows = [verdict.report(f"synth.area_by_blocks_um2.{suffix}", made.area_um2, "um2", "hierarchy kept")]
-    for name, block in sorted(made.blocks.items(), key=lambda item: -item[1]["area_um2"]):
-        note = f"{block['instances']} instances: {block['cells']} cells, {block['flops']} flops"
-        rows.append(verdict.report(f"synth.block_um2.{name}.{suffix}", block["area_um2"], "um2", note))
-    return rows
+        return verdict.error(name, f"not decided; {note}; {proof.said}")
+    return verdict.judge(name, 0 if proof.proved else 1, note if proof.proved else f"{note}; {proof.said}")
 
 
 def synthesise(
     technology: Technology, size: Size, *, blocks: bool = True, equivalence: bool = True
 ) -> tuple[list[verdict.Row], Netlist | None]:
     """Map one size in one library; return the rows that judge it, and the netlist if there is one."""
-    suffix, rows, made = f"{technology.name}.{size.name}", list[verdict.Row](), list[Netlist]()
+    suffix, rows, made = f"{technology.name}.{size.name}", list[verdict.Row](), None
     start = time.perf_counter()
-
-    def make() -> list[verdict.Row]:
-        made.append(map_once(technology, size.parameters, place(technology, size), fresh=True))
-        return netlist_rows(made[0], size, suffix)
-
-    attempt(rows, f"synth.netlist.{suffix}", make)
-    for flat in made:
-        attempt(rows, f"synth.timing.{suffix}", timing_rows, flat, suffix)
-        if equivalence:
-            attempt(rows, f"synth.not_equivalent.{suffix}", equivalence_rows, flat, size, suffix)
+    with attempt(rows, f"synth.netlist.{suffix}"):
+        made = map_once(technology, size.parameters, place(technology, size), fresh=True)
+        rows += netlist_rows(made, size, suffix)
+    if made:
+        with attempt(rows, f"synth.timing.{suffix}"):
+            rows += timing_rows(made, suffix)
+    if made and equivalence:
+        with attempt(rows, f"synth.not_equivalent.{suffix}"):
+            rows.append(equivalence_row(made, size, suffix))
     if blocks:
-        attempt(rows, f"synth.blocks.{suffix}", block_rows, technology, size, suffix)
+        with attempt(rows, f"synth.blocks.{suffix}"):
+            directory = place(technology, size)
+            whole = map_design(technology, size.parameters, directory, hierarchical=True)
+            area = verdict.report(
+                f"synth.area_by_blocks_um2.{suffix}", whole.area_um2, "um2", "hierarchy kept"
+            )
+            rows.append(area)
+            # Of each module, submodules and all instances included.
+            for name, block in sorted(whole.blocks.items(), key=lambda item: -item[1]["area_um2"]):
+                note = f"{block['instances']} instances: {block['cells']} cells, {block['flops']} flops"
+                name = f"synth.block_um2.{name}.{suffix}"
+                rows.append(verdict.report(name, block["area_um2"], "um2", note))
     seconds = time.perf_counter() - start
     rows.append(verdict.report(f"synth.seconds.{suffix}", seconds, "s", "all of the above"))
-    return rows, made[0] if made else None
+    return rows, made
 
 
 def constraint_rows() -> list[verdict.Row]:
@@ -184,38 +185,32 @@ def size_rows(technology: Technology, size: Size) -> list[verdict.Row]:
     Above MEMORY_LIMIT_BITS the memory is a black box in the timing, and its area is scaled from a
     smaller bank.
     """
-    suffix = f"{technology.name}.{size.name}"
-    rows: list[verdict.Row] = []
+    suffix, rows = f"{technology.name}.{size.name}", list[verdict.Row]()
     whole = size.memory_bits <= MEMORY_LIMIT_BITS
-
-    def bare() -> list[verdict.Row]:
-        directory = place(technology, size, "_no_memory")
-        made = map_design(technology, size.parameters, directory, black_box_memory=True)
-        own = netlist_rows(made, size, f"{suffix}.no_memory", memory=False)
-        return own if whole else own + fmax(made)
-
-    def memory() -> list[verdict.Row]:
-        words = size.bank_bytes if whole else MEMORY_LIMIT_BITS // 16
-        bank = map_design(technology, {"WORDS": words}, place(technology, size, "_bank"), top=RAM)
-        per_bit = bank.area_um2 / bank.latches
-        note = "two banks" if whole else f"from {bank.latches} bits, {per_bit:.1f} um2 each"
-        return [verdict.report(f"synth.memory_um2.{suffix}", per_bit * size.memory_bits, "um2", note)]
 
     def fmax(made: Netlist) -> list[verdict.Row]:
         directory = made.directory / "sizes"
         at = Timing(technology, technology.slow, made.verilog, directory, black_boxes=not whole)
-        found = at.highest(sdc_periods()).items()
-        names = {clock: f"synth.highest_mhz.{clock}.{suffix}" for clock, _ in found}
-        return [verdict.measured(names[c], 1e3 / one.period_ns, "MHz", str(one.path)) for c, one in found]
+        return [
+            verdict.measured(f"synth.highest_mhz.{clock}.{suffix}", 1e3 / period_ns, "MHz", str(path))
+            for clock, (period_ns, path) in at.highest(sdc_periods()).items()
+        ]
 
-    def full() -> list[verdict.Row]:
-        made = map_once(technology, size.parameters, place(technology, size))
-        return netlist_rows(made, size, suffix) + fmax(made)
-
-    attempt(rows, f"synth.netlist.{suffix}.no_memory", bare)
-    attempt(rows, f"synth.memory_um2.{suffix}", memory)
+    with attempt(rows, f"synth.netlist.{suffix}.no_memory"):
+        directory = place(technology, size, "_no_memory")
+        made = map_design(technology, size.parameters, directory, black_box_memory=True)
+        own = netlist_rows(made, size, f"{suffix}.no_memory", memory=False)
+        rows += own if whole else own + fmax(made)
+    with attempt(rows, f"synth.memory_um2.{suffix}"):
+        words = size.bank_bytes if whole else MEMORY_LIMIT_BITS // 16
+        bank = map_design(technology, {"WORDS": words}, place(technology, size, "_bank"), top=RAM)
+        per_bit = bank.area_um2 / bank.latches
+        note = "two banks" if whole else f"from {bank.latches} bits, {per_bit:.1f} um2 each"
+        rows.append(verdict.report(f"synth.memory_um2.{suffix}", per_bit * size.memory_bits, "um2", note))
     if whole:
-        attempt(rows, f"synth.netlist.{suffix}", full)
+        with attempt(rows, f"synth.netlist.{suffix}"):
+            made = map_once(technology, size.parameters, place(technology, size))
+            rows += netlist_rows(made, size, suffix) + fmax(made)
     return rows
 
 
@@ -227,7 +222,18 @@ def write_docs(command: str, **tables: Sequence[verdict.Row]) -> None:
 
 
 def size_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the options of `dermis synth` and `dermis gl`: library, size, tables of the docs."""
+    """Add the options of `dermis synth` and `dermis gl`: library, size, tables of the docs.
+
+    The command gets the libraries, the size, and True if one of these is not the default.
+    """
+
+    @functools.wraps(command)
+    def call(tech: str, sync_latch: bool, code_bits: int | None = None, **more: Any) -> int:
+        base, rows, cols = default_size(), more.pop("rows"), more.pop("cols")
+        size = Size(rows or base.rows, cols or base.cols, code_bits or base.code_bits, sync_latch)
+        chosen = [TECHNOLOGIES[name] for name in (TECHNOLOGIES if tech == "both" else (tech,))]
+        return command(chosen, size, bool(rows or cols or code_bits or sync_latch), **more)
+
     default = "default: models/design.toml."
     for option in (
         click.option("--docs", is_flag=True, help=f"Also write the tables of {DOCS}."),
@@ -238,8 +244,8 @@ def size_options(command: Callable[..., int]) -> Callable[..., int]:
             "--tech", type=click.Choice([*TECHNOLOGIES, "both"]), default="both", help="Cell library."
         ),
     ):
-        command = option(command)
-    return command
+        call = option(call)
+    return call
 
 
 @click.command("synth", context_settings=SHOW)
@@ -249,29 +255,18 @@ def size_options(command: Callable[..., int]) -> Callable[..., int]:
 @click.option("--no-proof", is_flag=True, help="Skip the equivalence proof.")
 @children.ending()
 def synth_command(
-    tech: str,
-    rows: int | None,
-    cols: int | None,
-    code_bits: int | None,
-    sync_latch: bool,
-    sizes: bool,
-    no_proof: bool,
-    docs: bool,
+    chosen: list[Technology], size: Size, own: bool, sizes: bool, no_proof: bool, docs: bool
 ) -> int:
     """Map rtl/ to cells, prove equivalence, analyse timing; write build/synth.json."""
-    chosen = [TECHNOLOGIES[name] for name in (TECHNOLOGIES if tech == "both" else (tech,))]
-    own = any(option is not None for option in (rows, cols, code_bits)) or sync_latch
-    if docs and (tech != "both" or own or no_proof):
+    if docs and (len(chosen) < len(TECHNOLOGIES) or own or no_proof):
         raise InputError("command line", "--docs", "a partial run", "a run with all options at default")
     if sizes and own:
         raise InputError("command line", "--sizes", "with a size", "one of both")
     for technology in chosen:
         for corner in technology.corners:
             technology.liberty(corner)
-    base = default_size()
     judged: list[verdict.Row] = [] if sizes else constraint_rows()
-    size = Size(rows or base.rows, cols or base.cols, code_bits or base.code_bits, sync_latch)
-    wanted = [Size(*one, base.code_bits) for one in SIZES] if sizes else [size]
+    wanted = [Size(*one, size.code_bits) for one in SIZES] if sizes else [size]
     runs = [(technology, one) for technology in chosen for one in wanted]
     with progress.slots("synth", len(runs), "runs") as tell:
         for done, (technology, one) in enumerate(runs):
@@ -282,9 +277,9 @@ def synth_command(
                 judged += synthesise(technology, one, equivalence=not no_proof)[0]
     title = "Synthesis of sizes" if sizes else f"Synthesis of {size.name}"
     code = finish("synth_sizes" if sizes else "synth", judged, f"{title}, before layout")
-    if docs and code == 0 and sizes:
+    if code == 0 and docs and sizes:
         write_docs("synth --sizes", sizes=judged)
-    elif docs and code == 0:
+    elif code == 0 and docs:
         blocks = [row for row in judged if row["name"].startswith("synth.block_um2.")]
         write_docs("synth", synth=[row for row in judged if row not in blocks], blocks=blocks)
     return code

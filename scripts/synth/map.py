@@ -230,14 +230,16 @@ def read_netlist(netlist: Netlist, top: str, library: Mapping[str, Cell]) -> Non
             kinds.update(visit(cell["type"]) if cell["type"] in own else [cell["type"]])
         block = netlist.blocks.setdefault(_module_name(name), Counter())
         block.update(instances=1, **_totals(kinds, library, area))
-        netlist.unreset += _without_reset(own[name], library)
+        for known, pins in ((library.get(c["type"]), c["connections"]) for c in own[name]["cells"].values()):
+            if known and known.flop:
+                bits = (bit for pin in known.asynchronous for bit in pins.get(pin, []))
+                netlist.unreset += not any(isinstance(bit, int) for bit in bits)
         netlist.fanout = max(netlist.fanout, _largest_fanout(own[name], library))
         return kinds
 
     netlist.kinds = visit(roots[0])
-    totals = _totals(netlist.kinds, library, area)
     for name in ("cells", "area_um2", "flops", "latches"):
-        setattr(netlist, name, totals[name])
+        setattr(netlist, name, netlist.blocks[top][name])
     netlist.unmapped = {
         kind: n for kind, n in netlist.kinds.items() if kind not in library and _module_name(kind) != RAM
     }
@@ -253,15 +255,6 @@ def _totals(
         "flops": sum(n for kind, n in known.items() if library[kind].flop),
         "latches": sum(n for kind, n in known.items() if library[kind].latch),
     }
-
-
-def _without_reset(module: Mapping[str, Any], library: Mapping[str, Cell]) -> int:
-    """Return the number of flops of a module without a connected asynchronous pin."""
-    return sum(
-        not any(isinstance(bit, int) for pin in known.asynchronous for bit in pins.get(pin, []))
-        for known, pins in ((library.get(c["type"]), c["connections"]) for c in module["cells"].values())
-        if known and known.flop
-    )
 
 
 def _largest_fanout(module: Mapping[str, Any], library: Mapping[str, Cell]) -> tuple[int, str]:

@@ -14,14 +14,6 @@ from scripts.synth.map import Netlist
 _VARIABLE = re.compile(r"^\$var \w+ (\d+) (\S+) (\S+)")
 
 
-def dumping(netlist: Netlist, vcd: Path) -> Path:
-    """Return a copy of the netlist that writes the changes of its nets to a VCD file."""
-    head, end, rest = netlist.verilog.read_text().rpartition("endmodule")
-    path = vcd.with_suffix(".v")
-    path.write_text(f'{head}  initial begin $dumpfile("{vcd}"); $dumpvars(1, dermis_top); end\n{end}{rest}')
-    return path
-
-
 def toggles(vcd: Path) -> tuple[dict[str, list[int]], float]:
     """Return how often each bit of each net changes, the lowest first, and the time in ns; from a VCD file."""
     names: dict[str, list[str]] = {}

@@ -5,14 +5,12 @@ Before layout every net has an estimated capacitance per sink, a wire load model
 Liberty; wires have no resistance and clocks no skew.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from dermis.errors import SimulatorError
 from dermis.processes.children import run_logged
@@ -109,24 +107,25 @@ class Timing:
     sdc: Path = SDC
     black_boxes: bool = False
 
-    def _near(self, path: Path) -> str:
-        """Return a path from where OpenSTA runs, which takes none with a space."""
-        return os.path.relpath(path, self.directory)
+    def _pathless(self, where: str, name: str) -> SimulatorError:
+        return SimulatorError(f"OpenSTA reported no path {where}", self.directory / f"{name}.log")
 
     def _run(self, name: str, periods: Mapping[str, float], reports: Sequence[str], *settings: str) -> str:
         """Return the reports of OpenSTA, then "setup check" and the list of pins without timing."""
         self.directory.mkdir(parents=True, exist_ok=True)
         script, log = (self.directory / f"{name}.{end}" for end in ("tcl", "log"))
         early, late = self.technology.derates(self.corner)
+        # OpenSTA takes no path with a space, which the root may have.
+        near = partial(os.path.relpath, start=self.directory)
         known = {"early_derate": early, "late_derate": late, "driving_cell": self.technology.driver}
         text = templates.text(
             "sta.tcl",
-            liberty=self._near(liberty_with_wires(self.technology, self.corner, self.directory)),
-            netlist=self._near(self.netlist),
+            liberty=near(liberty_with_wires(self.technology, self.corner, self.directory)),
+            netlist=near(self.netlist),
             top=TOP,
             periods=periods,
             settings=known | dict.fromkeys(settings, 1),
-            sdc=self._near(self.sdc),
+            sdc=near(self.sdc),
             reports=reports,
         )
         script.write_text(text)
@@ -153,8 +152,7 @@ class Timing:
         ]
         paths = parse(self._run(name, periods, reports, "cut_crossings"))
         if missing := [f"{k} {clock}" for clock in CLOCKS for k in ("max", "min") if (clock, k) not in paths]:
-            log = self.directory / f"{name}.log"
-            raise SimulatorError(f"OpenSTA reported no path for {', '.join(missing)}", log)
+            raise self._pathless(f"for {', '.join(missing)}", name)
         return paths
 
     def crossings(self, periods: Mapping[str, float]) -> dict[str, Path_]:
@@ -171,8 +169,7 @@ class Timing:
             _, _, rest = said.partition(f"to {receiver}\n")
             paths = [path for path in parse(rest.split("\nto ")[0]).values() if path.kind == "max"]
             if len(paths) != 1:
-                log = self.directory / f"{name}.log"
-                raise SimulatorError(f"OpenSTA reported no path into {receiver}", log)
+                raise self._pathless(f"into {receiver}", name)
             found[receiver] = paths[0]
         return found
 
@@ -197,14 +194,10 @@ class Timing:
             "report_checks -from [get_ports enable_i] -path_delay max -format full_clock_expanded -digits 4",
         ]
         name = f"sta_{self.corner}_to_safe"
-        said = re.findall(
-            r"^ *([\d.]+) +data arrival time",
-            self._run(name, periods, reports, "cut_crossings", "to_safe"),
-            re.M,
-        )
-        if not said:
-            raise SimulatorError("OpenSTA reported no path from enable_i", self.directory / f"{name}.log")
-        return float(said[0])
+        said = self._run(name, periods, reports, "cut_crossings", "to_safe")
+        if not (found := re.search(r"^ *([\d.]+) +data arrival time", said, re.M)):
+            raise self._pathless("from enable_i", name)
+        return float(found[1])
 
     def untimed(self) -> list[str]:
         """Return loops, and pins without timing that UNTIMED does not name, of the last `worst`."""
@@ -217,25 +210,18 @@ class Timing:
         pins = [line.strip() for line in listed.splitlines() if line.startswith(" ")]
         return [pin for pin in pins if not pin.startswith(tuple(UNTIMED))]
 
-    def highest(self, periods: Mapping[str, float]) -> dict[str, Highest]:
-        """Search the shortest period of each clock, starting at `periods`."""
-        periods, found = dict(periods), dict[str, Highest]()
+    def highest(self, periods: Mapping[str, float]) -> dict[str, tuple[float, Path_]]:
+        """Search the shortest period of each clock in ns, starting at `periods`; with its critical path."""
+        periods, found = dict(periods), dict[str, tuple[float, Path_]]()
         for _ in range(_STEPS):
             paths = self.worst(periods)
             for clock in {*CLOCKS} - found.keys():
                 period, path = periods[clock], paths[clock, "max"]
                 if 0 <= path.slack_ns <= _CLOSE * period:
-                    found[clock] = Highest(period, path)
+                    found[clock] = period, path
                 else:
                     # Exact for a path of one period, half way for half a period; the margin lets the search end.
                     periods[clock] = max(period * (1 + _CLOSE / 10) - path.slack_ns, period / 64)
             if len(found) == len(CLOCKS):
                 return {clock: found[clock] for clock in CLOCKS}
         raise SimulatorError(f"the highest clock was not found in {_STEPS} runs of OpenSTA", self.directory)
-
-
-class Highest(NamedTuple):
-    """Shortest period of a clock without a setup violation, and its critical path."""
-
-    period_ns: float
-    path: Path_
