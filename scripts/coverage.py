@@ -155,27 +155,21 @@ def rows(result: Result, modules: Iterable[str]) -> list[dict[str, Any]]:
     """Return verdict rows: percent by kind and module, the total, and exclusions without effect."""
     made = []
     for kind in KINDS:
-        total = Counter[str]()
-        for module in modules:
-            points = [p for p in result.counts if p.kind == kind and p.module == module]
+        for module in [*modules, "all"]:
+            name = f"coverage.{kind}.{module}"
+            points = [p for p in result.counts if p.kind == kind and module in (p.module, "all")]
             asked = [p for p in points if p not in result.excluded]
-            hit = sum(result.counts[p] > 0 for p in asked)
-            total.update(asked=len(asked), hit=hit, excluded=len(points) - len(asked))
-            if points:
-                made.append(_share(f"coverage.{kind}.{module}", hit, len(asked), len(points) - len(asked)))
+            hit, excluded = sum(result.counts[p] > 0 for p in asked), len(points) - len(asked)
+            if points or module == "all":
+                note = f"{hit} of {len(asked)}" + (f", {excluded} excluded" if excluded else "")
+                made.append(verdict.judge(name, 100.0 * hit / len(asked) if asked else None, note))
             elif kind == "line":
-                made.append(verdict.skip(f"coverage.{kind}.{module}", "assignments only"))
+                made.append(verdict.skip(name, "assignments only"))
             else:
-                made.append(verdict.error(f"coverage.{kind}.{module}", "not in a run of the top"))
-        made.append(_share(f"coverage.{kind}.all", total["hit"], total["asked"], total["excluded"]))
+                made.append(verdict.error(name, "not in a run of the top"))
     note = "; ".join(f"{e.rule} {e.module}: {e.match}" for e in result.stale)
     made.append(verdict.judge("coverage.stale_exclusions", len(result.stale), note))
     return made
-
-
-def _share(name: str, hit: int, asked: int, excluded: int) -> dict[str, Any]:
-    note = f"{hit} of {asked}" + (f", {excluded} excluded" if excluded else "")
-    return verdict.judge(name, 100.0 * hit / asked if asked else None, note)
 
 
 def uncovered(result: Result, root: Path = ROOT) -> list[str]:
@@ -191,22 +185,6 @@ def uncovered(result: Result, root: Path = ROOT) -> list[str]:
     ]
 
 
-def benches(root: Path = ROOT) -> list[Path]:
-    """Return the directories of tb/rtl with tests in both simulators of the right modules."""
-    tests = (root / "tb" / "rtl").glob("*/test_*.py")
-    found = {path.parent for path in tests if "(simulator: str" in path.read_text()}
-    return sorted(path for path in found if path.name != "traps")
-
-
-def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
-    """Run the Verilator tests with counters, which write them to `place`; SimulatorError if one failed."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "scripts.coverage", "-m", "", "-k", "verilator"]
-    command += ["-n", "2", *map(str, tests)]
-    log.unlink(missing_ok=True)
-    environment = {"DERMIS_COVERAGE": str(place)}
-    children.run_logged(command, ROOT, log, RUN_LIMIT_S, "pytest with counters", environment)
-
-
 @click.command()
 @click.option("--docs", is_flag=True, help="Write the figures to docs/coverage.md.")
 @click.option("--keep", is_flag=True, help="Sum the counts of the last run; run no tests.")
@@ -217,7 +195,16 @@ def coverage_command(docs: bool, keep: bool) -> int:
     if not keep:
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir(parents=True)
-        measure(place, benches(), ROOT / "build" / "coverage" / "pytest.log")
+        tests = (ROOT / "tb" / "rtl").glob("*/test_*.py")
+        # Those in both simulators, of the right modules.
+        found = {path.parent for path in tests if "(simulator: str" in path.read_text()}
+        folders = sorted(str(path) for path in found if path.name != "traps")
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "scripts.coverage", "-m", ""]
+        command += ["-k", "verilator", "-n", "2", *folders]
+        log = place.with_name("pytest.log")
+        log.unlink(missing_ok=True)
+        environment = {"DERMIS_COVERAGE": str(place)}
+        children.run_logged(command, ROOT, log, RUN_LIMIT_S, "pytest with counters", environment)
     result = add_up(place, exclusions())
     table = rows(result, [path.stem for path in rtl_sources()])
     code = finish("coverage", table, "Coverage of rtl/ by the cocotb tests, Verilator")

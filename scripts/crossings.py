@@ -126,16 +126,13 @@ class Netlist:
             elif kind.startswith("$memwr"):
                 target = self.place("memory", 0, cell)
                 data, resets = [bit for pin in ("DATA", "ADDR", "EN") for bit in pins[pin]], []
-            elif kind == SYNC:
-                target = self.place("sync", pins["q_o"][0], cell)
+            elif kind in (SYNC, RESET):
+                target = self.place("sync", pins["q_o" if kind == SYNC else "rst_no"][0], cell)
                 data, resets = [], [pins["rst_ni"][0]]
                 # It takes a flop or a pin, for what a gate makes of two edges is a third one.
-                taken = pins["d_i"][0]
-                if taken not in self.pins and not self.drivers[taken]["type"].startswith(FLOPS):
+                taken = pins["d_i"][0] if kind == SYNC else None
+                if taken and taken not in self.pins and not self.drivers[taken]["type"].startswith(FLOPS):
                     found.append(("gates before", (self.names[taken], ""), target))
-            elif kind == RESET:
-                target = self.place("sync", pins["rst_no"][0], cell)
-                data, resets = [], [pins["rst_ni"][0]]
             else:
                 continue
             for what, bits in (("data", data), ("reset", resets)):
@@ -161,11 +158,7 @@ class Netlist:
         ]
         left = sorted(said for said in found if not any(re.fullmatch(rule, said) for rule in allowed))
         unused = [rule for rule in allowed if not any(re.fullmatch(rule, said) for said in found)]
-        return left + self.short() + [f"no path for the exception {rule}" for rule in unused]
-
-    def short(self) -> list[str]:
-        """Name the synchronizers that are not two flops in a row on one edge of their clock, from pin to pin."""
-        found = []
+        # A synchronizer is two flops in a row on one edge of its clock, from pin to pin.
         for name, first, last in ((SYNC, "d_i", "q_o"), (RESET, None, "rst_no")):
             ports = {port: p["bits"][0] for port, p in self.modules.get(name, {"ports": {}})["ports"].items()}
             cells = self.modules.get(name, {"cells": {}})["cells"].values()
@@ -174,8 +167,8 @@ class Netlist:
             while at in flops and flops[at]["connections"]["C"][0] == ports["clk_i"] and count < len(flops):
                 at, count = flops[at]["connections"]["D"][0], count + 1
             if count < 2 or count < len(cells) or at != (ports[first] if first else "1"):
-                found.append(f"{name}: not two flops in a row on one edge of clk_i")
-        return found
+                left.append(f"{name}: not two flops in a row on one edge of clk_i")
+        return left + [f"no path for the exception {rule}" for rule in unused]
 
 
 WIRE = "module dermis_wire (input wire clk_i, rst_ni, d_i, output wire q_o); assign q_o = d_i; endmodule\n"

@@ -13,7 +13,7 @@ import shutil
 import sys
 import time
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -30,7 +30,6 @@ from scripts import markdown
 from scripts.judged import SHOW, finish, tool
 
 PLACE, RTL = Path("rtl/formal"), ROOT / "rtl"
-WORKERS = 2
 # sby ends itself at its timeout and reports it; the longer limit is for an sby that hangs.
 GRACE_S = 15.0
 
@@ -278,15 +277,6 @@ def traced(outcome: Outcome) -> bool:
     return any(path.stat().st_size for path in outcome.work.glob("sby/engine_0/trace*.vcd"))
 
 
-def faults_named(rows: Sequence[verdict.Row]) -> list[verdict.Row]:
-    """Return the share of noticed faults for which a search of all theorems names one, with a trace."""
-    named = [bool(row["named"]) for row in rows if "named" in row and row["status"] == "PASS"]
-    if not named:
-        return []
-    note = f"{sum(named)} of {len(named)} faults that a theorem notices"
-    return [verdict.judge("formal.faults_named", 100 * sum(named) / len(named), note)]
-
-
 def break_it(proof: Proof, fault: Fault, where: str = "formal") -> list[verdict.Row]:
     """Return one row: PASS if the seeded fault gives a counterexample of its theorem.
 
@@ -318,23 +308,6 @@ def chosen(names: Sequence[str]) -> list[Proof]:
     return [proof for proof in every.values() if not names or proof.name.startswith(tuple(names))]
 
 
-def run_all(
-    which: Iterable[Proof], *, theorems: bool = True, faults: bool = True, workers: int = WORKERS
-) -> list[verdict.Row]:
-    """Run proofs, covers and faults in parallel; return their rows in the order of the proofs."""
-    tools()
-    jobs: list[tuple[Any, ...]] = []
-    for proof in which:
-        jobs += [(prove, proof), (cover, proof)] if theorems else []
-        jobs += [(break_it, proof, fault) for fault in proof.faults if faults]
-    rows: list[verdict.Row] = []
-    with progress.slots("formal", len(jobs), "runs") as done, children.threads(workers) as pool:
-        for n, found in enumerate(pool.map(lambda job: job[0](*job[1:]), jobs), 1):
-            rows += found
-            done(n, "".join(f"{job[0].__name__} {job[1].name}" for job in jobs[n : n + 1]))
-    return rows + faults_named(rows)
-
-
 def table(rows: Sequence[verdict.Row]) -> str:
     """Return the tables of docs/formal.md: the theorems, covers and faults of each proof."""
     lines: list[str] = []
@@ -358,7 +331,7 @@ def table(rows: Sequence[verdict.Row]) -> str:
 @click.option("--proofs", "only", flag_value="proofs", help="Run only the proofs and their covers.")
 @click.option("--list", "listing", is_flag=True, help="Print the theorems and run nothing.")
 @click.option("--docs", is_flag=True, help="Write the tables of docs/formal.md (with all proofs and faults).")
-@click.option("--workers", type=click.IntRange(1, 64), default=WORKERS, help="Parallel runs.")
+@click.option("--workers", type=click.IntRange(1, 64), default=2, help="Parallel runs.")
 def formal_command(names: tuple[str, ...], only: str | None, listing: bool, docs: bool, workers: int) -> int:
     """Prove the theorems of rtl/formal, reach their covers, break each with its seeded faults."""
     which = chosen(names)
@@ -369,7 +342,20 @@ def formal_command(names: tuple[str, ...], only: str | None, listing: bool, docs
             for label, meaning in proof.theorems.items():
                 click.echo(f"{proof.name}.{label}: {meaning}")
         return 0
-    rows = run_all(which, theorems=only != "faults", faults=only != "proofs", workers=workers)
+    tools()
+    jobs: list[tuple[Any, ...]] = []
+    for proof in which:
+        jobs += [(prove, proof), (cover, proof)] if only != "faults" else []
+        jobs += [(break_it, proof, fault) for fault in proof.faults if only != "proofs"]
+    rows: list[verdict.Row] = []
+    with progress.slots("formal", len(jobs), "runs") as done, children.threads(workers) as pool:
+        for n, found in enumerate(pool.map(lambda job: job[0](*job[1:]), jobs), 1):
+            rows += found
+            done(n, "".join(f"{job[0].__name__} {job[1].name}" for job in jobs[n : n + 1]))
+    # Faults that a theorem notices: for which of them does a search of all theorems name one, with a trace?
+    if noticed := [bool(row["named"]) for row in rows if "named" in row and row["status"] == "PASS"]:
+        note = f"{sum(noticed)} of {len(noticed)} faults that a theorem notices"
+        rows.append(verdict.judge("formal.faults_named", 100 * sum(noticed) / len(noticed), note))
     if docs:
         markdown.write(ROOT / "docs" / "formal.md", "proofs", "formal", table(rows))
     return finish("formal", rows, "Proofs")

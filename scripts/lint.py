@@ -145,7 +145,7 @@ def run_lint(root: Path = ROOT, configurations: Iterable[str] | None = None) -> 
     chosen = {name: CONFIGURATIONS[name] for name in configurations or CONFIGURATIONS}
     rows = [_lint_file_list(root)]
     for name, values in chosen.items():
-        parameters = [f"-P{TOP}.{key}={value}" for key, value in values.items()]
+        parameters = (f"-P{TOP}.{key}={value}" for key, value in values.items())
         rows.append(_icarus(name, root, TOP, "-c", FILE_LIST, *parameters))
     for name, values in chosen.items():
         parameters = [f"-G{key}={value}" for key, value in values.items()]

@@ -155,12 +155,6 @@ def mutants(module: str, text: str) -> list[Mutant]:
     return made
 
 
-def sample(every: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
-    """Return a random sample, fixed by the seed, in the order of the source."""
-    chosen = random.Random(seed).sample(range(len(every)), min(count, len(every)))
-    return [every[n] for n in sorted(chosen)]
-
-
 def judges(module: str, rtl: Path) -> str:
     """Return a hash of all that judges mutants of a module: sources, tests, proofs, this file."""
     block, bench, place = BLOCKS[module], ROOT / "tb" / "rtl", ROOT / formal.PLACE
@@ -371,10 +365,12 @@ def mutate_command(
     hdl.prepare("icarus")
     formal.tools()
     rtl, place = ROOT / "rtl", BUILD / "mutate"
-    chosen = {
-        name: sample(mutants(name, (rtl / f"{name}.v").read_text()), count, seed)
-        for name in modules or BLOCKS
-    }
+    chosen: dict[str, list[Mutant]] = {}
+    for name in modules or BLOCKS:
+        every = mutants(name, (rtl / f"{name}.v").read_text())
+        # A random sample, fixed by the seed, in the order of the source.
+        places = random.Random(seed).sample(range(len(every)), min(count, len(every)))
+        chosen[name] = [every[n] for n in sorted(places)]
     kept = {name: Checkpoint(place / f"{name}.json", judges(name, rtl), fresh=fresh) for name in chosen}
     todo = [mutant for name, made in chosen.items() for mutant in made if mutant.key not in kept[name].pieces]
     end = time.monotonic() + limit_s
