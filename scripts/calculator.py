@@ -444,16 +444,6 @@ def _judged(answer: Answer, slot_s: Fraction, settle: Fraction) -> Answer:
     return dataclasses.replace(answer, rows=tuple(rows), nearest=nearest)
 
 
-def print_answer(answer: Answer) -> None:
-    """Print the sizing, the verdict on it and the table over the range."""
-    sizing = [(n, v if isinstance(v, str) else f"{v:.6g}") for n, v in answer.values().items()]
-    verdict.print_table("Design", ("value", ""), sizing, ("",))
-    heads = [head.replace("[", r"\[") for head in RANGE_COLUMNS]
-    cells = [[f"{cell:.6g}" for cell in row] for row in answer.range_table()]
-    verdict.print_table("Over the range", heads, cells, heads)
-    verdict.print_rows(answer.rows, "Feasibility")
-
-
 SIZED = ("interface.k", "converter.i0_a", "converter.c_int_f")
 """Values that spice/sky130 is drawn for; no command resizes it."""
 
@@ -498,7 +488,12 @@ def calc_command(write: bool, **values: Any) -> None:
                 'source and integrator, or keep run.views = "behavioural" (docs/sky130.md)'
             )
         return
-    print_answer(answer)
+    sizing = [(n, v if isinstance(v, str) else f"{v:.6g}") for n, v in answer.values().items()]
+    verdict.print_table("Design", ("value", ""), sizing, ("",))
+    heads = [head.replace("[", r"\[") for head in RANGE_COLUMNS]
+    cells = [[f"{cell:.6g}" for cell in row] for row in answer.range_table()]
+    verdict.print_table("Over the range", heads, cells, heads)
+    verdict.print_rows(answer.rows, "Feasibility")
     if not answer.feasible:
         raise click.exceptions.Exit(1)
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checkpoints of long runs: finished pieces in a file from which a killed run continues."""
 
+import contextlib
 import json
 import time
 from collections.abc import Callable, Mapping
@@ -30,15 +31,12 @@ class Checkpoint:
 
     def __init__(self, path: Path, stamp: str, *, fresh: bool = False) -> None:
         self.path, self.stamp = path, stamp
-        self.pieces: dict[str, Any] = {} if fresh else self._load()
+        self.pieces: dict[str, Any] = {}
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # missing, or of another version
+            stored = json.loads(path.read_text(encoding="utf-8"))
+            if stored["stamp"] == stamp and not fresh:
+                self.pieces = dict(stored["pieces"])
         self._saved = time.monotonic()
-
-    def _load(self) -> dict[str, Any]:
-        try:
-            stored = json.loads(self.path.read_text(encoding="utf-8"))
-            return dict(stored["pieces"]) if stored["stamp"] == self.stamp else {}
-        except (OSError, ValueError, KeyError, TypeError):  # missing, or of another version
-            return {}
 
     def put(self, name: str, piece: Any, *, now: bool = True) -> None:
         """Add a piece and write the file, now or with others within seconds (the last ones: `save`)."""

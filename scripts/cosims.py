@@ -2,20 +2,17 @@
 """Co-simulations in parallel: one progress line; the failure of one leaves the others alone."""
 
 from collections.abc import Callable, Mapping
-from typing import TypeVar
+from typing import Any
 
 from dermis.errors import SimulatorError
 from dermis.processes import children
 from dermis.report import progress
 
-Result = TypeVar("Result")
-Task = Callable[[Callable[[int], None]], Result]
+Task = Callable[[Callable[[int], None]], Any]
 """Reads something, and calls its argument with the number of row slots done."""
 
 
-def run(
-    label: str, tasks: Mapping[str, tuple[int, Task[Result]]], at_once: int | None = None
-) -> dict[str, Result | SimulatorError]:
+def run(label: str, tasks: Mapping[str, tuple[int, Task]], at_once: int | None = None) -> dict[str, Any]:
     """Run tasks, each with its row slots, all or some at once; return the result or the failure of each.
 
     Any other error ends all of them.
@@ -24,7 +21,7 @@ def run(
     total = sum(slots for slots, _ in tasks.values())
     with progress.slots(label, total) as show, children.threads(at_once or len(tasks)) as pool:
 
-        def one(name: str) -> Result | SimulatorError:
+        def one(name: str) -> Any:
             def on_slots(slots: int) -> None:
                 done[name] = slots
                 show(sum(done.values()), ", ".join(n for n in tasks if done[n] < tasks[n][0]))

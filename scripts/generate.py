@@ -27,21 +27,6 @@ FRONT_END = "spice/sky130/dermis_analog_front_end.sp"
 ORIGIN = "Generated from models/design.toml; change it there and run: dermis generate"
 
 
-def filled(design: Design) -> dict[str, str]:
-    """Return Verilog header, SPICE parameters and netlists as ``{path: text}``."""
-    rows, cols = design.array.rows, design.array.cols
-    lateral = array_subckt(rows, cols, lateral_ohm="parameter", name="array_lateral", design=design)
-    paths = ("rtl/dermis_design.vh", "spice/design.inc", "spice/array/array.sp", FRONT_END)
-    return templates.filled(
-        paths,
-        origin=ORIGIN,
-        design=design,
-        period_ps=round(10**12 / exact(design.converter.f_clk_hz)),
-        array=array_subckt(rows, cols, design=design) + lateral,
-        front_end=sky130.front_end(rows, cols),
-    )
-
-
 _MARKS = {"P": "paper", "C": "computed", "S": "source", "": ""}
 
 
@@ -140,7 +125,17 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
     """
     design = design_module.load(root / "models" / "design.toml")
     period_ns = float(10**9 / exact(design.converter.f_clk_hz))
-    files = filled(design) | register_files.files(design, root)
+    rows, cols = design.array.rows, design.array.cols
+    lateral = array_subckt(rows, cols, lateral_ohm="parameter", name="array_lateral", design=design)
+    files = templates.filled(
+        ("rtl/dermis_design.vh", "spice/design.inc", "spice/array/array.sp", FRONT_END),
+        origin=ORIGIN,
+        design=design,
+        period_ps=round(10**12 / exact(design.converter.f_clk_hz)),
+        array=array_subckt(rows, cols, design=design) + lateral,
+        front_end=sky130.front_end(rows, cols),
+    )
+    files |= register_files.files(design, root)
     files[first_picture.PATH] = first_picture.svg(design)
     for path in (*PERIODS, *TABLES):
         text = _read(root / path)

@@ -346,23 +346,19 @@ def resolution(corner: Corner, directory: Path) -> tuple[float, float, float]:
     v_dd, edge, end = corner.voltage_v, 4.0, 4.0 + corner.window_ns
     path = directory / "resolution.cir"
 
-    def high_ns(times: Sequence[float]) -> list[float]:
-        """Return how long each copy's output is high, its data rising at a time."""
-        body = [_pwl("clk", v_dd, [1.0, 2.5, edge], 0.05)]
-        for i, time in enumerate(times):
-            rise = 0.05 * RAMP / 2
-            body.append(f"vd{i} d{i} 0 pwl(0 0 {time - rise:.12f}n 0 {time + rise:.12f}n {v_dd:g})")
-            body += [f"c{i} q{i} 0 5f", f".meas tran h{i} integ v(q{i}) from={edge}n to={end}n"]
-        body.append(f".tran 5p {end}n")
-        copies = [{"CLK": "clk", "D": f"d{i}", "Q": f"q{i}"} for i in range(len(times))]
-        values = _measured("dfrtp_1", corner, path, copies, body, "chgtol=1e-17 reltol=1e-4")
-        return [values[f"h{i}"] * 1e9 / v_dd for i in range(len(times))]
-
     low, high = edge - 1.0, edge + 0.5  # taken, not taken
     seen: list[tuple[float, float]] = []
     for _ in range(ROUNDS):
         times = [low + (high - low) * (i + 1) / (COPIES + 1) for i in range(COPIES)]
-        held = high_ns(times)
+        body = [_pwl("clk", v_dd, [1.0, 2.5, edge], 0.05), f".tran 5p {end}n"]
+        for i, time in enumerate(times):
+            rise = 0.05 * RAMP / 2
+            body.append(f"vd{i} d{i} 0 pwl(0 0 {time - rise:.12f}n 0 {time + rise:.12f}n {v_dd:g})")
+            body += [f"c{i} q{i} 0 5f", f".meas tran h{i} integ v(q{i}) from={edge}n to={end}n"]
+        copies = [{"CLK": "clk", "D": f"d{i}", "Q": f"q{i}"} for i in range(COPIES)]
+        values = _measured("dfrtp_1", corner, path, copies, body, "chgtol=1e-17 reltol=1e-4")
+        # How long each copy's output is high, its data rising at a time.
+        held = [values[f"h{i}"] * 1e9 / v_dd for i in range(COPIES)]
         seen += [(time, end - edge - one) for time, one in zip(times, held, strict=True) if one > 0]
         taken = [one > (end - edge) / 4 for one in held]
         low = max((t for t, yes in zip(times, taken, strict=True) if yes), default=low)

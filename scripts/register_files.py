@@ -6,12 +6,11 @@ PeakRDL-regblock writes SystemVerilog packages and structs of a fixed size, whic
 Verilog tools cannot read; the header of PeakRDL-cheader has no address constants (docs/registers.md).
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from systemrdl import RDLCompileError, RDLCompiler
-from systemrdl.messages import MessagePrinter, Severity
+from systemrdl.messages import MessagePrinter
 from systemrdl.node import FieldNode, RegNode
 
 from dermis.errors import InputError
@@ -112,16 +111,6 @@ class Entry:
         return sum(part.mask for part in self.parts if part.kind in kinds)
 
 
-class _Quoting(MessagePrinter):
-    """Collect the messages of the compiler for one line."""
-
-    def __init__(self) -> None:
-        self.said: list[str] = []
-
-    def print_message(self, severity: Severity, text: str, src_ref: object) -> None:
-        self.said.append(f"{severity.name.lower()}: {text}")
-
-
 def parameters(design: Design) -> dict[str, int]:
     """Return the parameters of the map for a design."""
     values = {"ROWS": design.array.rows, "COLS": design.array.cols}
@@ -132,13 +121,15 @@ def parameters(design: Design) -> dict[str, int]:
 
 def entries(design: Design, root: Path) -> list[Entry]:
     """Read the map; InputError if it is not SystemRDL, or uses an unsupported feature."""
-    printer = _Quoting()
+    said: list[str] = []
+    printer = MessagePrinter()
+    printer.print_message = lambda severity, text, _: said.append(f"{severity.name.lower()}: {text}")
     compiler = RDLCompiler(message_printer=printer)
     try:
         compiler.compile_file(str(root / SOURCE))
         top = compiler.elaborate(top_def_name="dermis_registers", parameters=parameters(design)).top
     except RDLCompileError as error:
-        raise InputError(SOURCE, "SystemRDL", "; ".join(printer.said) or str(error), "a valid map") from None
+        raise InputError(SOURCE, "SystemRDL", "; ".join(said) or str(error), "a valid map") from None
     found = [_entry(node) for node in top.registers(unroll=False)]
     last = -1
     for entry in found:
@@ -180,25 +171,23 @@ def _part(field: FieldNode, lanes: str, lane_bits: str) -> Part:
     return Part(register, lanes, lane_bits, *place, kind, reset, verilog, desc)
 
 
-def _constants(found: list[Entry]) -> Iterator[tuple[str, str]]:
-    """Yield name and value of each address, mask and shift; a field over the whole word has no mask."""
-    yield from ((entry.name, f"0x{entry.address:02X}") for entry in found)
-    for part in (part for entry in found for part in entry.parts):
-        if part.width < WORD_BITS and not part.lanes:
-            yield f"{part.register}_{part.name.upper()}_MASK", f"0x{part.mask:04X}"
-            yield f"{part.register}_{part.name.upper()}_SHIFT", str(part.low)
-
-
 def files(design: Design, root: Path) -> dict[str, str]:
     """Return every generated file as ``{path from the root: text}``."""
     found = entries(design, root)
+    parts = [part for entry in found for part in entry.parts]
+    # Address, mask and shift; a field over the whole word has no mask.
+    constants = [(entry.name, f"0x{entry.address:02X}") for entry in found]
+    for part in parts:
+        if part.width < WORD_BITS and not part.lanes:
+            name = f"{part.register}_{part.name.upper()}"
+            constants += [(f"{name}_MASK", f"0x{part.mask:04X}"), (f"{name}_SHIFT", str(part.low))]
     return templates.filled(
         ("rtl/dermis_registers.v", "rtl/dermis_registers.h", "models/dermis/chip/register_map.py"),
         origin=ORIGIN,
         range_index=parameters(design)["RANGE_INDEX"],
         entries=found,
-        parts=[part for entry in found for part in entry.parts],
-        constants=list(_constants(found)),
+        parts=parts,
+        constants=constants,
         resets=[(f"{e.name}_RESET", f"0x{e.reset:04X}") for e in found if e.mask("value")],
     )
 

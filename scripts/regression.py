@@ -84,17 +84,16 @@ def frame_file_case(
         array = {"rows": rows, "cols": cols}
         write_atomic(scene, tomli_w.dumps({"title": title, "array": array, "stimulus": stimulus}))
 
-    if select == "spread":
-        write("all")
-        frames = plan.load(scene).frames
-        write(sorted({round(i * (frames - 1) / 3) for i in range(4)}))
-    elif select in ("all", "first", "last"):
-        write(select)
-    else:
+    chosen: str | list[int] = select
+    if select not in ("spread", "all", "first", "last"):
         if not re.fullmatch(r"\s*\d+\s*(,\s*\d+\s*)*", select, re.ASCII):
             allowed = "spread, all, first, last, or frame numbers such as 0,10,20"
             raise InputError("command line", "--select", select, allowed)
-        write([int(word) for word in select.split(",")])
+        chosen = [int(word) for word in select.split(",")]
+    write("all" if select == "spread" else chosen)
+    if select == "spread":
+        last = plan.load(scene).frames - 1
+        write(sorted({round(i * last / 3) for i in range(4)}))
     return Case("frame_file", scene, readback=unit == "codes")
 
 
@@ -147,10 +146,9 @@ def draw_indenters() -> None:
 
 def run(cases: list[Case]) -> tuple[list[verdict.Row], bool]:
     """Run cases in parallel; return the rows in order, and True if a simulator failed."""
-    plans = {case.name: plan.load(case.scene, "cosim") for case in cases}
-    tasks: dict[str, tuple[int, cosims.Task[list[verdict.Row]]]] = {}
+    tasks: dict[str, tuple[int, cosims.Task]] = {}
     for case in cases:
-        engines.check(made := plans[case.name])
+        engines.check(made := plan.load(case.scene, "cosim"))
         tasks[case.name] = made.frames * made.rows, partial(run_case, case, made)
     with contextlib.ExitStack() as places:
         for case in cases:

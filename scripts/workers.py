@@ -4,9 +4,9 @@
 import itertools
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from dermis.errors import DermisError, one_line
@@ -58,27 +58,26 @@ def run(tasks: Iterable[Task], workers: int, *, fresh: bool = False) -> Iterator
 
 
 def _outcome(future: Future[tuple[Outcome, list[str]]], task: Task) -> Outcome:
+    left: Sequence[str] = ()
     try:
         found, left = future.result()
     except pool.LimitReached as error:
-        return Outcome(
-            fault=f"hangs: ended after {task.limit_s:g} s{_said(error.left)}", seconds=task.limit_s
+        found, left = (
+            Outcome(fault=f"hangs: ended after {task.limit_s:g} s", seconds=task.limit_s),
+            error.left,
         )
     except pool.WorkerLost as error:
-        return Outcome(
-            fault=f"crashed: its process ended with {children.ended(error.code)}{_said(error.left)}"
+        found, left = (
+            Outcome(fault=f"crashed: its process ended with {children.ended(error.code)}"),
+            error.left,
         )
     except Exception as error:  # The task or its value could not be pickled: no measurement.
-        return Outcome(fault=f"{type(error).__name__}: {one_line(str(error), 300)}")
-    fault = found.fault
-    if found.seconds > task.limit_s and not fault:
-        fault = f"took {found.seconds:.3g} s of {task.limit_s:g} s"
-    return Outcome(found.value, (fault + _said(left)).removeprefix("; "), found.seconds)
-
-
-def _said(left: Iterable[str]) -> str:
-    names = ", ".join(left)
-    return f"; left processes behind: {names}" if names else ""
+        found = Outcome(fault=f"{type(error).__name__}: {one_line(str(error), 300)}")
+    faults = [found.fault] if found.fault else []
+    if found.seconds > task.limit_s and not faults:
+        faults = [f"took {found.seconds:.3g} s of {task.limit_s:g} s"]
+    faults += [f"left processes behind: {', '.join(left)}"] if left else []
+    return replace(found, fault="; ".join(faults))
 
 
 def _measured(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcome:

@@ -97,9 +97,6 @@ def _lsb(current_a: float) -> float:
     return current_a / 25e-6 * 510
 
 
-# ---- reference, amplifier, row driver ------------------------------------------------------------------------
-
-
 def reference(found: Found) -> dict[str, float]:
     """Return the current of a cascoded unit of the charge source against 5 uA."""
     return {"reference_error": -found["i_unit"] / 5e-6 - 1.0}
@@ -127,12 +124,14 @@ def amplifier(found: Found) -> dict[str, float]:
     }
 
 
-def offset(found: Found, block: str) -> dict[str, float]:
-    """Return the output of the amplifier closed on itself, or the comparator's input at half way."""
-    return {f"{block}_offset_v": found["offset"]}
+def level(found: Found, block: str, nominal_v: float = 0.0, measured: str = "level") -> dict[str, float]:
+    """Return the voltage at which a block's output turns, or that it puts out closed on itself, over a nominal one."""
+    return {f"{block}_v": found[measured] - nominal_v}
 
 
-amplifier_offset, comparator_offset = (partial(offset, block=block) for block in ("amplifier", "comparator"))
+amplifier_offset, comparator_offset = (
+    partial(level, block=f"{block}_offset", measured="offset") for block in ("amplifier", "comparator")
+)
 
 
 def row_driver_body(driven: int) -> str:
@@ -195,17 +194,10 @@ def pedestal(found: Found) -> dict[str, float]:
     return {"pedestal_error": found["at_0"] / 16e-6 - 1.0}
 
 
-def level(found: Found, block: str, nominal_v: float) -> dict[str, float]:
-    """Return the input at which a block's output turns, over a nominal one."""
-    return {f"{block}_v": found["level"] - nominal_v}
-
-
 def test_current(found: Found) -> dict[str, float]:
     """Return the test current at 27 C, and that at 125 C over it."""
     return {"test_current_a": found["at_27"], "test_current_ratio_125c": found["at_125"] / found["at_27"]}
 
-
-# ---- conveyor and mirror -------------------------------------------------------------------------------------
 
 SHARES = (0.0, 0.01, 0.02, 0.05, *(n / 10 for n in range(1, 11)))
 """Currents of a line, as shares of that at x = 1/2: evenly, and closer to 64.25 kohm, which is 0.0078."""
@@ -291,9 +283,9 @@ def _phase_margin_body() -> str:
     return body("phase_margin", runs="".join(runs))
 
 
-def phase_margin(found: Found) -> dict[str, float]:
-    """Return the phase margin of the conveyor's loop, by load and capacitance."""
-    return {f"phase_margin.{at}": 180.0 + degrees for at, degrees in found.items()}
+def named(found: Found, prefix: str, add: float = 0.0) -> dict[str, float]:
+    """Return every measurement, by its name after a prefix."""
+    return {f"{prefix}.{name}": value + add for name, value in found.items()}
 
 
 R_X_HZ = (100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000)
@@ -325,8 +317,6 @@ def crosstalk(found: Found, wire: str) -> dict[str, float]:
     idle, pressed = (found[f"out_{when}"] / -found[f"packet_{when}"] for when in ("idle", "pressed"))
     return {f"{wire}_crosstalk": 510.0 * (pressed - idle)}
 
-
-# ---- integrator, comparator and charge source ----------------------------------------------------------------
 
 _SIGN = {"sink": 1, "source": -1, "direct": 1}
 _T_CLK_S, _PULSE_S = 200e-9, 200e-9
@@ -388,9 +378,6 @@ def start_up(found: Found) -> dict[str, float]:
     }
 
 
-# ---- column: offset, settling --------------------------------------------------------------------------------
-
-
 def column(found: Found) -> dict[str, float]:
     """Return the offset of the column before the first gate, at the end of two gates, and between."""
     return {
@@ -411,9 +398,6 @@ def settling(found: Found, side: str) -> dict[str, float]:
     }
     volts = {f"settling_v.t{t}": found[f"x{t}"] for t in SETTLING_NS} if side == "low" else {}
     return lsb | volts
-
-
-# ---- a channel, the front end --------------------------------------------------------------------------------
 
 
 def _channel_body(topology: str) -> str:
@@ -440,18 +424,15 @@ def _front_end_body() -> str:
     return body("front_end", front_end=sky130.front_end(2, 2).strip(), pins=pins)
 
 
-def poly(celsius: float) -> float:
-    """Return the resistance of the process's poly resistor over that at 25 C."""
-    return 1.0 - 2.47e-3 * (celsius - 25.0) + 2.7e-6 * (celsius - 25.0) ** 2
-
-
 def front_end(found: Found) -> dict[str, float]:
     """Return errors of two columns, a packet, a preset and test currents, the worst digital output, and the supply."""
     pedestal_a, bias_v = 16e-6, 0.45
     fast_v, slow_v = found["fast_0"] - found["fast_1"], (found["slow_0"] - found["slow_1"]) / 5  # in 0.4 us
     packet_v = found["after"] - found["before"] + fast_v
     fast_a, slow_a = (volts / packet_v * 5e-12 / 0.4e-6 for volts in (fast_v, slow_v))
-    test_a = load().calibration.i_test_a * poly(27.0) / poly(found["celsius"])
+    # Resistance of the process's poly resistor over that at 25 C.
+    nominal, poly = (1 - 2.47e-3 * (c - 25) + 2.7e-6 * (c - 25) ** 2 for c in (27.0, found["celsius"]))
+    test_a = load().calibration.i_test_a * nominal / poly
     tests = [
         -found[name] / ((0.55e-3 + many * test_a) * bias_v / 0.5) - 1.0
         for many, name in enumerate(("i_one", "i_both"), 1)
@@ -467,9 +448,6 @@ def front_end(found: Found) -> dict[str, float]:
         "front_end_off_a": max(abs(found["i_off"]), abs(found["i_down"])),
         "front_end_on_a": found["i_on"],
     }
-
-
-# ---- supply --------------------------------------------------------------------------------------------------
 
 
 def supply(found: Found, topology: str) -> dict[str, float]:
@@ -505,14 +483,6 @@ def supply_rejection(found: Found) -> dict[str, float]:
     }
 
 
-def supply_blocks(found: Found) -> dict[str, float]:
-    """Return the current of each block of a channel from vdd."""
-    return {f"supply_block_a.{name}": current for name, current in found.items()}
-
-
-# ---- noise ---------------------------------------------------------------------------------------------------
-
-
 def _noise(at: str, text: str) -> Bench:
     return _bench(f"noise_{at}", partial(noise, at=at), text)
 
@@ -530,8 +500,6 @@ def noise(found: Found, at: str) -> dict[str, float]:
     rms = found["rms"] * 16 / 500 / 80 if at == "null" else found["rms"]
     return {f"noise_lsb.{at}": _lsb(rms)}
 
-
-# ---- all -----------------------------------------------------------------------------------------------------
 
 # With trtol 7 the edges cost a packet 0.31 codes at ss, -40 C, 0.9; with 1 it is 0.03.
 _EDGES_TRTOL = 1.0
@@ -577,7 +545,7 @@ _ALL = (
     _bench("conveyor_multi", multi, _multi_body(), samples=True),
     _bench("direct", partial(vfc, side="direct"), _vfc_body("direct"), samples=True, trtol=_EDGES_TRTOL),
     _bench("column", column, samples=True),
-    _bench("phase_margin", phase_margin, _phase_margin_body()),
+    _bench("phase_margin", partial(named, prefix="phase_margin", add=180.0), _phase_margin_body()),
     *(
         _bench(f"pulse_{side}", partial(pulse, side=side), body("pulse", source=source), trtol=1.0)
         for side, source in zip(_SIDES, ("charge_source", "charge_source_inverted"), strict=True)
@@ -595,7 +563,7 @@ _ALL = (
         _bench(f"supply_{name}", partial(supply, topology=name), body("supply", topology=name))
         for name in TOPOLOGIES
     ),
-    _bench("supply_blocks", supply_blocks),
+    _bench("supply_blocks", partial(named, prefix="supply_block_a")),
     _bench("supply_rejection", supply_rejection, _supply_rejection_body()),
     _noise("full", noise_body("ix", body("noise_taxel", k=80, i="1m", r="500"))),
     _noise("low", noise_body("ix", body("noise_taxel", k=80, i="7.8u", r="64.25k"))),
@@ -606,7 +574,7 @@ _ALL = (
     _bench("test_current", test_current),
     _bench("pedestal", pedestal),
     _bench("row_sense", partial(level, block="row_sense", nominal_v=0.25)),
-    _bench("level_down", partial(level, block="level_down", nominal_v=0.0)),
+    _bench("level_down", partial(level, block="level_down")),
     _bench("row_change", row_change, trtol=1.0),
     _bench("esd_clamp", esd_clamp),
     *(

@@ -111,8 +111,8 @@ def kept(name: str) -> Measured | None:
     """Return the stored result of a hash, or None."""
     try:
         told = json.loads((KEPT / f"{name}.json").read_text(encoding="utf-8"))
-        seconds, exceeded = float(told["seconds"]), dict(told["exceeded"])
-        return Measured(dict(told["values"]), tuple(told["rungs"]), seconds, exceeded)
+        values, exceeded = dict(told["values"]), dict(told["exceeded"])
+        return Measured(values, tuple(told["rungs"]), float(told["seconds"]), exceeded)
     except (OSError, ValueError, KeyError, TypeError):  # none, or not one of ours
         return None
 

