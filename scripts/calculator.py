@@ -8,10 +8,9 @@ Arithmetic is exact, on the decimals as written: the paper's targets give k = 80
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -441,7 +440,7 @@ def _judged(answer: Answer, slot_s: Fraction, settle: Fraction) -> Answer:
         quiet["k"] = round(k)
     row("kt_c_lsb", noise, f"{noise * packet:.3g} C on a packet of {packet:.3g} C", quiet)
 
-    return dataclasses.replace(answer, rows=tuple(rows), nearest=nearest)
+    return replace(answer, rows=tuple(rows), nearest=nearest)
 
 
 SIZED = ("interface.k", "converter.i0_a", "converter.c_int_f")

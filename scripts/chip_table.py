@@ -124,13 +124,8 @@ def ratio(condition: Condition, k: int) -> dict[str, float]:
         gain, offset = line(at)
         inl_raw, dnl_raw, enob_raw = static(at, noise_lsb)
         inl, dnl, enob = static(decoded(made, k, at, one), noise_lsb)
-        told = {
-            "offset_lsb": offset,
-            "gain_error": gain - 1.0,
-            "inl_raw_lsb": inl_raw,
-            "inl_decoded_lsb": inl,
-        }
-        told |= {"dnl_lsb": max(dnl_raw, dnl), "enob_raw": enob_raw, "enob": enob}
+        told = {"offset_lsb": offset, "gain_error": gain - 1.0, "inl_raw_lsb": inl_raw}
+        told |= {"inl_decoded_lsb": inl, "dnl_lsb": max(dnl_raw, dnl), "enob_raw": enob_raw, "enob": enob}
         found |= {f"chip.{name}.{load}.k{k}": value for name, value in told.items()}
     return found
 
@@ -229,8 +224,9 @@ def datasheet_command(docs: bool) -> int:
             tell(done)
     values["chip.area_mm2"] = {CONDITIONS[0].at: 1e-6 * area_um2(written(), "dermis_analog_front_end")}
     rows = rows_of(dict(sorted(values.items())))
-    title = "The chip in transistors: a taxel alone (taxel), 16 of a row alike (row)"
-    code = finish("datasheet", rows, title)
+    code = finish(
+        "datasheet", rows, "The chip in transistors: a taxel alone (taxel), 16 of a row alike (row)"
+    )
     if docs:
         markdown.write(ROOT / "docs" / "datasheet.md", "chip", "datasheet", table(rows))
         click.echo("written: docs/datasheet.md")

@@ -115,9 +115,8 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
     return markdown.table(head, ([cell.replace("|", "\\|") for cell in cells] for cells in rows)) + "\n"
 
 
-def meanings(design: Design | None = None) -> str:
+def meanings(design: Design | None = None, _root: Path | None = None) -> str:
     """Return the table of effects with meaning and parameters."""
-
     rows = []
     for effect in EFFECTS.values():
         absent = [t for t in TOPOLOGIES if t not in effect.topologies]
@@ -129,9 +128,8 @@ def meanings(design: Design | None = None) -> str:
     return _table(["effect", "meaning", "parameters and defaults"], rows)
 
 
-def places(_: Design | None = None) -> str:
+def places(_design: Design | None = None, _root: Path | None = None) -> str:
     """Return the table of effects with their record fields and their place in each engine."""
-
     rows = []
     for name in EFFECTS:
         written = ", ".join(f"`{record.capitalize()}.{field}`" for record, field in fields(name))
@@ -143,7 +141,7 @@ def places(_: Design | None = None) -> str:
     return _table(head, rows)
 
 
-def bounds(design: Design | None = None) -> str:
+def bounds(design: Design | None = None, _root: Path | None = None) -> str:
     """Return the table of effects with the largest error of engine closed in two scenes, in LSB."""
     everything = EffectsTable(**dict.fromkeys(EFFECTS, True), auto=AutoTable())
     found = {}

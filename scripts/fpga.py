@@ -31,15 +31,12 @@ MARGIN = 1.5  # of the speed after placement over the constraint
 LIMIT_S = 600.0
 
 
-def tool(command: str) -> str:
-    """Return the program of a command; InputError if it is not installed."""
-    return judged.tool(command.split()[0], remedy=REMEDY)
-
-
 def run_tool(command: str, work: Path) -> None:
     """Run a YoWASP tool with its log in `work`; SimulatorError if it fails or exceeds its time."""
     name, *arguments = command.format(work=work).split()
-    children.run_logged([tool(name), *arguments], ROOT, ROOT / work / f"{name}.log", LIMIT_S, name)
+    children.run_logged(
+        [judged.tool(name, remedy=REMEDY), *arguments], ROOT, ROOT / work / f"{name}.log", LIMIT_S, name
+    )
 
 
 def synthesise(board: Any, top: str, parameters: Mapping[str, int], work: Path) -> Path:
@@ -119,7 +116,7 @@ def fpga_command(board: str | None) -> int:
     rows: list[verdict.Row] = []
     chosen = [board] if board else list(BOARDS)
     for name in chosen:
-        tool(BOARDS[name]["place"])
+        judged.tool(BOARDS[name]["place"].split()[0], remedy=REMEDY)
     with progress.slots("fpga", len(chosen), "boards") as tell:
         for done, name in enumerate(chosen):
             tell(done, name)

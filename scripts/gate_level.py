@@ -256,8 +256,7 @@ def gate_level(technology: Technology, size: Size) -> list[verdict.Row]:
         netlist = map_once(technology, size.parameters, place(technology, size))
         made = pin_rows(netlist, size, suffix)
         # The bench needs the default values.
-        header = header_values()
-        slots = {name: header[f"DERMIS_{name}"] for name in SMALL_SLOTS}
+        slots = {name: header_values()[f"DERMIS_{name}"] for name in SMALL_SLOTS}
         # All registers would take Icarus some 100 000 clocks: codes only.
         made += top_rows(netlist, size.parameters | slots, suffix, [charge_balance(size)], WHOLE_LIMIT_S)
         return made + (power_rows(netlist, size, slots, suffix) if technology.name == "sky130" else [])

@@ -98,9 +98,7 @@ TABLES: dict[str, dict[str, Callable[[Design, Path], str]]] = {
         "range": range_table,
         "examples": examples_table,
     },
-    "docs/effects.md": {
-        name: lambda design, _root, make=make: make(design) for name, make in effect_tables.TABLES.items()
-    },
+    "docs/effects.md": effect_tables.TABLES,
     "docs/registers.md": {"registers": register_files.table},
     "docs/scenes.md": {
         "keys": lambda _design, _root: scene.schema_table(),

@@ -166,9 +166,6 @@ def api_page() -> str:
     return templates.text("library.md", package=dermis, names=names, cleandoc=inspect.cleandoc)
 
 
-DEMO_MARK = "<!-- demo -->"
-
-
 def demo_page(source: Path) -> None:
     """Add the demo page and show it on the first page, or the reason why it cannot be built."""
     if reason := demo.have_compiler():
@@ -180,7 +177,7 @@ def demo_page(source: Path) -> None:
             'style="width: 100%; height: 40rem; border: 1px solid #8888; border-radius: 10px"></iframe>'
         )
     for page in (source / "index.md", source / "demo.md"):
-        text = markdown.filled(page.read_text(encoding="utf-8"), {DEMO_MARK: shown}, page.name)
+        text = markdown.filled(page.read_text(encoding="utf-8"), {"<!-- demo -->": shown}, page.name)
         page.write_text(f"---\nhide: [toc]\n---\n\n{text}", encoding="utf-8")  # more room for the demo
 
 

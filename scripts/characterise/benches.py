@@ -102,11 +102,6 @@ def reference(found: Found) -> dict[str, float]:
     return {"reference_error": -found["i_unit"] / 5e-6 - 1.0}
 
 
-def _reference_step_body() -> str:
-    line = "xout{0} gate cp line{0} vdd bias_output\nxline{0} line{0} vdd vss bias_line"
-    return body("reference_step", outputs="\n".join(line.format(n) for n in range(17)))
-
-
 def reference_step(found: Found) -> dict[str, float]:
     """Return how far the voltage of the external resistor overshoots, over its step."""
     return {"reference_overshoot": (found["most"] - found["after"]) / (found["after"] - found["before"])}
@@ -527,9 +522,14 @@ def _bench(name: str, values: Values, text: str | None = None, **more: object) -
 
 
 _SIDES = ("sink", "source")
+_OUTPUT = "xout{0} gate cp line{0} vdd bias_output\nxline{0} line{0} vdd vss bias_line"
 _ALL = (
     _bench("reference", reference, samples=True),
-    _bench("reference_step", reference_step, _reference_step_body()),
+    _bench(
+        "reference_step",
+        reference_step,
+        body("reference_step", outputs="\n".join(map(_OUTPUT.format, range(17)))),
+    ),
     _bench("amplifier", amplifier),
     _bench("amplifier_offset", amplifier_offset, samples=True),
     _bench("chain_k80", partial(chain, k=80), _chain(80, "ibias vdd vss mirror_fixed k=80"), samples=True),

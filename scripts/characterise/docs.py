@@ -18,7 +18,7 @@ from dermis.scene.design import ROOT
 from scripts import markdown
 from scripts.characterise import benches
 from scripts.characterise.benches import BENCHES
-from scripts.characterise.results import Series
+from scripts.characterise.results import Series, limit_of
 from scripts.characterise.runs import TYPICAL, Job, Outcome, Runs
 
 DOCS = ROOT / "docs" / "characterise.md"
@@ -139,7 +139,7 @@ def mismatch(outcomes: Outcomes, figure: Figure) -> None:
             if job.condition.sample is not None and name in BENCHES[job.bench].units and not o.fault
         ]
         axes.hist(drawn, bins=20, color=BLUE)
-        rule = Series(f"mismatch.{name}", name).limit
+        rule = limit_of(f"mismatch.{name}")
         for edge in () if rule is None else (rule.min, rule.max):
             if edge is not None:
                 axes.axvline(factor * edge, color=RED, linestyle="--", linewidth=1)

@@ -49,14 +49,9 @@ class Series:
     told: dict[str, str] = field(default_factory=dict)  # where -> what else there is to say of the value
 
     @property
-    def limit(self) -> Limit | None:
-        """Its limit, if models/spec.toml has one."""
-        return limit_of(self.name)
-
-    @property
     def worst(self) -> str:
         """Where it is closest to its limit or farthest beyond it; without a limit, farthest from typical."""
-        rule, middle = self.limit, self.typical or 0.0
+        rule, middle = limit_of(self.name), self.typical or 0.0
 
         def room(where: str) -> float:
             value = self.values[where]

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Curves of `dermis sweep`: frequency against resistance from Verilog and ngspice, and both laws."""
 
-import hashlib
 import math
 import re
 import shutil
@@ -28,7 +27,7 @@ from dermis.records import Plan
 from dermis.report import comparison, verdict
 from dermis.scene.design import ROOT, Design, exact
 from dermis.scene.design import load as load_design
-from scripts import cosims
+from scripts import cosims, judged
 from scripts.characterise import runs
 from scripts.checkpoint import Checkpoint
 
@@ -330,7 +329,7 @@ def judge_laws(curves: Sequence[Curve]) -> verdict.Row:
 
 def plain_ngspice(work: Path) -> list[verdict.Row]:
     """Run a peer without Verilog: a batch transient of ngspice with an XSPICE flip-flop."""
-    name, judged = "sweep.plain_ngspice_pulses_510", "sweep.rate_error_lsb.plain_ngspice"
+    name, rate = "sweep.plain_ngspice_pulses_510", "sweep.rate_error_lsb.plain_ngspice"
     # A copy, because the runner writes next to the deck, and `.include` is relative to it.
     shutil.rmtree(work, ignore_errors=True)
     shutil.copytree(ROOT / "spice", work)
@@ -342,7 +341,7 @@ def plain_ngspice(work: Path) -> list[verdict.Row]:
         measured = spice_batch.run(Path(shutil.copy(BENCH, work / "bench")), BENCH_LIMIT_S)
         pulses = measured.values["pulses"]
     except (IndexError, KeyError, SimulatorError) as error:
-        return [verdict.error(name, str(error), "pulses"), verdict.error(judged, str(error))]
+        return [verdict.error(name, str(error), "pulses"), verdict.error(rate, str(error))]
     design = load_design()
     balance = vfc.count_rational(exact(design.resistance_full_scale_ohm) / 2 / ohm, clocks)
     eq3 = int(vfc.count_restarting(design.duty(ohm), clocks))
@@ -350,7 +349,7 @@ def plain_ngspice(work: Path) -> list[verdict.Row]:
     cut = f"measured {pulses:.6g}, the last pulse cut off by the end"
     return [
         verdict.report(name, round(pulses), "pulses", f"{laws}; batch ngspice with its own flip-flop"),
-        verdict.judge(judged, abs(pulses - balance), "; ".join([cut, *map(str, measured.retries)])),
+        verdict.judge(rate, abs(pulses - balance), "; ".join([cut, *map(str, measured.retries)])),
     ]
 
 
@@ -391,7 +390,12 @@ def run(
 
     def one(name: str, on_slots: Callable[[int], None]) -> Reading:
         (made, many), work = plans[name], out / "work" / name
-        piece = f"{name} {_circuits(made)}" if transistors else ""
+        piece = ""
+        if transistors:
+            # The circuits, ngspice and its models, which the hash of the package leaves out.
+            levels = [1.0] + [0.0] * (made.rows - 1) + [1.0] + [0.0] * made.cols
+            decks = ("\n".join(netlist.frame_deck(made, f, levels).lines) for f in range(made.frames))
+            piece = f"{name} {judged.digest((), *(runs.key(runs.resolved(deck)) for deck in decks))[:24]}"
         if piece in kept.pieces:
             return Reading(**{what: np.array(values) for what, values in kept.pieces[piece].items()})
         reading = read(made, many, on_slots, work)
@@ -418,14 +422,6 @@ def run(
     failed = any(isinstance(reading, SimulatorError) for reading in readings.values())
     rows += [] if transistors else [judge_laws(curves), *plain_ngspice(out / "plain_ngspice")]
     return curves, rows, failed
-
-
-def _circuits(made: Plan) -> str:
-    """Return a hash of a plan's circuits, ngspice and models, which the package's hash leaves out."""
-    levels = [1.0] + [0.0] * (made.rows - 1) + [1.0] + [0.0] * made.cols
-    decks = ("\n".join(netlist.frame_deck(made, f, levels).lines) for f in range(made.frames))
-    keys = "".join(runs.key(runs.resolved(deck)) for deck in decks)
-    return hashlib.sha256(keys.encode()).hexdigest()[:24]
 
 
 def judge_line(curve: Curve) -> list[verdict.Row]:

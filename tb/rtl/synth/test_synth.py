@@ -11,6 +11,7 @@ import pytest
 from dermis.chip.sources import rtl_sources
 from dermis.errors import SimulatorError
 from dermis.report import verdict
+from dermis.scene.design import load as load_design
 from scripts.synth import cells as synth_cells
 from scripts.synth import command as synth
 from scripts.synth import map as synth_map
@@ -84,7 +85,7 @@ def test_a_small_chip_maps_is_proved_equal_and_meets_its_clocks(
 def test_a_block_passes_every_count_and_its_latch_is_the_library_s(tmp_path: Path) -> None:
     made = block(tmp_path)
     assert set(judged(made).values()) == {"PASS"}
-    assert made.flops == synth.default_size().code_bits + 2
+    assert made.flops == load_design().timing.code_bits + 2
     assert made.area_um2 > made.flops * 704
     made = block(tmp_path, SYNC)
     assert made.kinds["LATCH"] == made.latches == 1
