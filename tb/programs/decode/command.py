@@ -3,7 +3,6 @@
 
 import dataclasses
 import tempfile
-import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from dermis.decode.decoder import SATURATED, Decoder, Forces
 from dermis.engines import closed, event
 from dermis.ndarrays import Bools, Floats
 from dermis.places import BUILD
+from dermis.processes import cpu_time
 from dermis.records import Plan
 from dermis.report import calibrate, read, verdict
 from dermis.scene import scene as scenes
@@ -229,7 +229,11 @@ def coverage_row() -> verdict.Row:
 
 def kinds_row() -> verdict.Row:
     """Judge files of every kind."""
-    wrong, count = kinds.faults(), len(kinds.CASES)
+    wrong, count = {}, len(kinds.CASES)
+    for name, case in kinds.CASES.items():
+        with tempfile.TemporaryDirectory() as held:
+            if (said := kinds.fault(case, Path(held))) is not None:
+                wrong[name] = said
     note = "; ".join(f"{name}: {said}" for name, said in wrong.items()) or f"{count} files"
     return verdict.judge("read.kinds", 1 - len(wrong) / count, note)
 
@@ -285,7 +289,13 @@ def board_force() -> verdict.Row:
     return verdict.judge("board.force_error", max(errors), "; ".join(notes))
 
 
-def many_sheets(seconds: Callable[[Callable[[], Any]], list[float]]) -> list[verdict.Row]:
+def seconds(work: Callable[[], object]) -> list[float]:
+    """Return processor times of a call, without the first, which compiles."""
+    work()
+    return [cpu_time.cpu_seconds(work) for _ in range(5)]
+
+
+def many_sheets() -> Iterator[verdict.Row]:
     """Sheets a second in one call, and the time of one frame; touches that move."""
     rng, row, col = np.random.default_rng(0), *np.mgrid[:16, :16]
     force = np.empty((4, 4096, 16, 16), np.float32)
@@ -293,43 +303,30 @@ def many_sheets(seconds: Callable[[Callable[[], Any]], list[float]]) -> list[ver
     for frame, place in zip(force, start + 0.3 * np.arange(4)[:, None, None, None, None], strict=True):
         frame[:] = 8 * np.maximum(1 - ((row - place[0]) ** 2 + (col - place[1]) ** 2) / 16, 0)
     effects: dict[str, Any] = {"row_driver": True, "column_offset": True}
-    out, rows = np.empty(force.shape[1:], np.uint8), []
+    out = np.empty(force.shape[1:], np.uint8)
     for name, more in (("envs", ()), ("envs_memory", ("sensor_hysteresis", "sensor_creep"))):
         skin = Skin(envs=4096, effects=effects | dict.fromkeys(more, True))
         spent = seconds(lambda skin=skin: [skin.read(frame, out=out) for frame in force])  # type: ignore[misc]
-        rows.append(verdict.median(f"skin.{name}_frames_per_s", [4 * 4096 / t for t in spent], "frames/s"))
+        yield verdict.median(f"skin.{name}_frames_per_s", [4 * 4096 / t for t in spent], "frames/s")
     one, single = Skin("single_touch"), force[0, 0].astype(float)
-    spent = seconds(lambda: [one.read(single) for _ in range(500)])
-    return [*rows, verdict.median("skin.read_us", [t / 500 * 1e6 for t in spent], "us", "with column inputs")]
+    spent = [1e6 * t for t in seconds(lambda: one.read(single))]
+    yield verdict.median("skin.read_us", spent, "us", "with column inputs")
 
 
-def rates() -> list[verdict.Row]:
+def rates() -> Iterator[verdict.Row]:
     """Frames a second of one core, by processor time."""
     force = np.random.default_rng(0).uniform(0, 10, (3000, 16, 16))
     droop = Skin(made(effects={"row_driver": True, "column_offset": True}))
     cross = Skin(made(effects={"row_driver": True, "column_input": True, "lateral": True}))
-    out = np.empty(force.shape, np.uint8)
-    codes = cross.read(force)
+    out, codes = np.empty(force.shape, np.uint8), cross.read(force)
     places = Forces.empty(codes.shape)
-
-    def seconds(work: Callable[[], Any]) -> list[float]:
-        found = []
-        for _ in range(6):
-            start = time.process_time()
-            work()
-            found.append(max(time.process_time() - start, 1e-9))
-        return found[1:]  # the first compiles
-
-    reading = seconds(lambda: droop.read(force, out=out))
-    decoding = seconds(lambda: cross.decode(codes, out=places))
-    single = seconds(lambda: [cross.decode(frame) for frame in codes[:200]])
-    crosstalk = "with crosstalk and intervals"
-    return [
-        verdict.median("skin.read_frames_per_s", [len(codes) / t for t in reading], "frames/s"),
-        verdict.median("skin.decode_frames_per_s", [len(codes) / t for t in decoding], "frames/s", crosstalk),
-        verdict.median("skin.decode_one_frame_s", [t / 200 for t in single], "s", "one call a frame"),
-        *many_sheets(seconds),
-    ]
+    reading = [len(codes) / t for t in seconds(lambda: droop.read(force, out=out))]
+    yield verdict.median("skin.read_frames_per_s", reading, "frames/s")
+    decoding = [len(codes) / t for t in seconds(lambda: cross.decode(codes, out=places))]
+    yield verdict.median("skin.decode_frames_per_s", decoding, "frames/s", "with crosstalk and intervals")
+    single = [t / 200 for t in seconds(lambda: [cross.decode(frame) for frame in codes[:200]])]
+    yield verdict.median("skin.decode_one_frame_s", single, "s", "one call a frame")
+    yield from many_sheets()
 
 
 @click.command("decode")

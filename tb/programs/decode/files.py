@@ -53,6 +53,23 @@ def name_of(form: str, cols: int, r: int, c: int) -> str:
     return form.format(r=r, c=c, r1=r + 1, c1=c + 1, n=n, n1=n + 1)
 
 
+def ordered(
+    taxels: list[tuple[int, int]], order: str, name: Callable[[int, int], str]
+) -> list[tuple[int, int]]:
+    """Return taxels, given row by row, in the order of rows, columns, text of their names, or descending."""
+    if order == "columns":
+        return sorted(taxels, key=lambda at: at[::-1])
+    if order == "text":
+        return sorted(taxels, key=lambda at: name(*at))
+    return taxels[::-1] if order == "descending" else taxels
+
+
+def lines_of(columns: Sequence[tuple[str, Sequence[str]]], mark: str, named: bool) -> list[str]:
+    """Return the lines of a table of named columns of cells, with or without their names."""
+    lines = map(mark.join, zip(*(cells for _, cells in columns), strict=True))
+    return [*([mark.join(name for name, _ in columns)] if named else []), *lines]
+
+
 def text_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.ndarray]:
     """Return a text, options, the true values [frames, rows, cols] and times in seconds."""
     rows, cols = choose([(4, 4), (3, 5), (4, 6), (8, 8), (2, 16), (6, 3)])
@@ -86,19 +103,12 @@ def text_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.nda
             values[np.isnan(values).any(axis=(1, 2))] = np.nan
         options["rate_hz"] = 1 / T_FRAME_S
         return "\n".join(lines).encode(), options, values, T_FRAME_S * np.arange(frames)
-    columns: list[tuple[str, list[str]]] = []
     name = functools.partial(name_of, choose(NAMES), cols)
     order = choose(["rows", "columns", "descending", "text", "shuffled"]) if kind == "names" else "rows"
-    if order == "columns":
-        taxels.sort(key=lambda at: at[::-1])
-    elif order == "descending":
-        taxels.reverse()
-    elif order == "text":
-        taxels.sort(key=lambda at: name(*at))
-    elif order == "shuffled":
+    taxels = ordered(taxels, order, name)
+    if order == "shuffled":
         rng.shuffle(taxels)
-    for r, c in taxels:
-        columns.append((name(r, c), [shown(v) for v in values[:, r, c]]))
+    columns = [(name(r, c), [shown(v) for v in values[:, r, c]]) for r, c in taxels]
     for _ in range(choose([0, 0, 1, 2])):
         at = choose([0, len(columns), len(columns) // 2])
         numbers = 0.5 * np.arange(frames), rng.uniform(0, 9, frames)
@@ -114,8 +124,7 @@ def text_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.nda
     # Without names, one column less and another one more cannot be known.
     if choose([False] * 9 + [True]) and kind == "names":
         del columns[choose(range(len(columns)))]
-    head = [mark.join(n for n, _ in columns)] if kind == "names" else []
-    lines = head + [mark.join(cells[n] for _, cells in columns) for n in range(frames)]
+    lines = lines_of(columns, mark, kind == "names")
     coding = choose(["utf-8", "utf-8", "utf-8-sig", "utf-16", "latin-1"])
     return "\n".join(lines).encode(coding), options, values, time
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import gzip
 import shutil
-import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -91,16 +90,6 @@ def fault(case: Case, directory: Path) -> str | None:
     return None
 
 
-def faults() -> dict[str, str]:
-    """Return the faults of all files by their names."""
-    found = {}
-    for name, case in CASES.items():
-        with tempfile.TemporaryDirectory() as held:
-            if (said := fault(case, Path(held))) is not None:
-                found[name] = said
-    return found
-
-
 def cells(values: Iterable[float], point: str = ".") -> list[str]:
     """Return numbers as text, with their decimal point."""
     return [f"{v:g}".replace(".", point) for v in values]
@@ -109,23 +98,17 @@ def cells(values: Iterable[float], point: str = ".") -> list[str]:
 def table(
     name: Callable[[int, int], str] | None,
     lead: dict[str, Sequence[str]] | None = None,
-    order: str = "C",
+    order: str = "rows",
     mark: str = ",",
     point: str = ".",
     middle: dict[str, Sequence[str]] | None = None,
 ) -> str:
     """Return a text with a frame a line: columns `lead`, the taxels by `order`, and columns amid the taxels."""
-    places = list(np.ndindex(ROWS, COLS))
-    if order in ("F", "text"):
-        places.sort(key=(lambda at: at[::-1]) if order == "F" else lambda at: name(*at))
-    elif order == "descending":
-        places.reverse()
+    places = files.ordered(list(np.ndindex(ROWS, COLS)), order, name)
     columns = [(name(*at) if name else "", cells(FRAMES[:, *at], point)) for at in places]
     columns[9:9] = list((middle or {}).items())
     columns[:0] = list((lead or {}).items())
-    lines = [mark.join(n for n, _ in columns)] if name else []
-    lines += [mark.join(column[n] for _, column in columns) for n in range(COUNT)]
-    return "\n".join(lines) + "\n"
+    return "\n".join(files.lines_of(columns, mark, name is not None)) + "\n"
 
 
 def flat(r: int, c: int, start: str = "p") -> str:
@@ -249,10 +232,9 @@ def parquet(made: dict[str, Any]) -> Callable[[Path], None]:
     return lambda path: pq.write_table(pa.table(made), path)
 
 
-def columns(name: Callable[[int, int], str], order: str = "C") -> dict[str, Floats]:
-    """Return the columns of the taxels by name, row by row or column by column."""
-    places = sorted(np.ndindex(ROWS, COLS), key=lambda at: at[::-1] if order == "F" else at)
-    return {name(*at): FRAMES[:, *at] for at in places}
+def columns(name: Callable[[int, int], str], order: str = "rows") -> dict[str, Floats]:
+    """Return the columns of the taxels by name in an order of `files.ordered`."""
+    return {name(*at): FRAMES[:, *at] for at in files.ordered(list(np.ndindex(ROWS, COLS)), order, name)}
 
 
 def levels(path: Path) -> None:
@@ -276,21 +258,6 @@ WHOLE = np.floor(FRAMES * 100)
 
 def header(ns: int) -> Any:
     return T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9), "palm")
-
-
-def multi(frame: NDArray[Any], kind: str, dims: Sequence[tuple[str, int, int]] = (), offset: int = 0) -> Any:
-    """Return a multi-array message."""
-    made = [T["std_msgs/msg/MultiArrayDimension"](*d) for d in dims]
-    return T[f"std_msgs/msg/{kind}MultiArray"](T["std_msgs/msg/MultiArrayLayout"](made, offset), frame)
-
-
-def image(ns: int, frame: NDArray[Any], encoding: str, pad: int = 0) -> Any:
-    """Return an image message of [rows, cols] or [rows, cols, channels], rows with `pad` bytes at their end."""
-    rows = frame.reshape(len(frame), -1).view(np.uint8)
-    big = frame.dtype.byteorder == ">"
-    data = np.pad(rows, ((0, 0), (0, pad)), constant_values=77)
-    said = *frame.shape[:2], encoding, int(big), data.shape[1]
-    return T["sensor_msgs/msg/Image"](header(ns), *said, data.ravel())
 
 
 def bag(
@@ -327,16 +294,30 @@ def messages(kind: str, made: Callable[[int, Any], Any], frames: Floats = FRAMES
     return kind, [made(ns, f) for ns, f in zip(STAMPS, frames, strict=True)]
 
 
-def arrays(kind: str, made: Callable[[Floats], NDArray[Any]], *told: Any) -> Topic:
+def arrays(
+    kind: str,
+    made: Callable[[Floats], NDArray[Any]],
+    dims: Sequence[tuple[str, int, int]] = (),
+    offset: int = 0,
+) -> Topic:
     """Return multi-arrays of the known recording, in hundredths for whole numbers."""
+    told = [T["std_msgs/msg/MultiArrayDimension"](*d) for d in dims]
+    layout, name = T["std_msgs/msg/MultiArrayLayout"](told, offset), f"std_msgs/msg/{kind}MultiArray"
     frames = FRAMES if kind.startswith("Float") else WHOLE
-    return messages(f"std_msgs/msg/{kind}MultiArray", lambda _, f: multi(made(f), kind, *told), frames)
+    return messages(name, lambda _, f: T[name](layout, made(f)), frames)
 
 
 def images(made: Callable[[Floats], NDArray[Any]], encoding: str, pad: int = 0) -> Topic:
-    """Return images of the known recording, in hundredths for whole numbers."""
-    frames = FRAMES if "F" in encoding else WHOLE
-    return messages("sensor_msgs/msg/Image", lambda ns, f: image(ns, made(f), encoding, pad), frames)
+    """Return images [rows, cols] or [rows, cols, channels], in hundredths for whole numbers, rows padded by bytes."""
+    name = "sensor_msgs/msg/Image"
+
+    def image(ns: int, values: Floats) -> Any:
+        frame = made(values)
+        data = np.pad(frame.reshape(ROWS, -1).view(np.uint8), ((0, 0), (0, pad)), constant_values=77)
+        said = *frame.shape[:2], encoding, int(frame.dtype.byteorder == ">"), data.shape[1]
+        return T[name](header(ns), *said, data.ravel())
+
+    return messages(name, image, FRAMES if "F" in encoding else WHOLE)
 
 
 def own(kind: str, made: Callable[[int, Any], Sequence[Any]]) -> Topic:
@@ -373,7 +354,7 @@ def csv(
     return Case("a.csv", table(name, lead, **of), options, asks=asks)
 
 
-def by_time(name: Callable[[int, int], str], order: str = "C", asks: str = "", **options: int) -> Case:
+def by_time(name: Callable[[int, int], str], order: str = "rows", asks: str = "", **options: int) -> Case:
     """Return the case of a csv with a column of time, and no option unless given."""
     return Case("a.csv", table(name, {"time": seconds()}, order), options, asks=asks)
 
@@ -415,11 +396,11 @@ HEARD_S = (np.array(LATE) - LATE[0]) * 1e-9
 
 CASES: dict[str, Case] = {
     # Names and orders.
-    "names by columns": by_time(lambda r, c: f"r{r}c{c}", "F"),
+    "names by columns": by_time(lambda r, c: f"r{r}c{c}", "columns"),
     "names descending": by_time(flat, "descending", **SIZE),
     "names sorted as text": by_time(lambda r, c: flat(r, c, "taxel_"), "text", **SIZE),
     "names from one": by_time(lambda r, c: f"row{r + 1}_col{c + 1}", "descending"),
-    "names with brackets": by_time(lambda r, c: f"s[{r}][{c}]", "F"),
+    "names with brackets": by_time(lambda r, c: f"s[{r}][{c}]", "columns"),
     "numbers as names": csv(lambda r, c: flat(r, c, ""), {}),
     "numbers and an index": csv(lambda r, c: flat(r, c, ""), INDEX),
     "names of some": by_time(lambda r, c: flat(r, c) if (r, c) != (2, 2) else "q", asks="--taxels"),
@@ -492,7 +473,9 @@ CASES: dict[str, Case] = {
     "MATLAB 5": Case("a.mat", mat),
     "MATLAB 7.3": Case("a.mat", mat73),
     # Parquet.
-    "Parquet": Case("a.parquet", parquet({"time_ms": TIME * 1e3, **columns(lambda r, c: f"r{r}c{c}", "F")})),
+    "Parquet": Case(
+        "a.parquet", parquet({"time_ms": TIME * 1e3, **columns(lambda r, c: f"r{r}c{c}", "columns")})
+    ),
     "Parquet, a list and stamps": Case("a.parquet", parquet(LISTS), SIZE),
     "Parquet, rows of lists": Case("a.pq", parquet({"t": TIME, "force": FRAMES.tolist()})),
     "Parquet, names of some": Case("a.parquet", parquet(SOME_NAMES), asks="--taxels"),
