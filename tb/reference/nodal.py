@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The reference of the array solve: the full nodal matrix, slot by slot, exact or in many digits.
+"""The reference of the array solve: the full nodal matrix, slot by slot, in many digits.
 
 Nothing is reduced, reused or shared with dermis.array.array but the meaning of Network's fields
 (`bounded` runs it): every element is stamped between two named nodes, and Gauss's elimination runs
-over Python's fractions (`column_currents(..., digits=0)`) or mpmath's numbers.
+over mpmath's numbers.
 """
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from fractions import Fraction
 from typing import Any
 
 import mpmath
@@ -51,17 +50,11 @@ def bounded(network: Network) -> list[tuple[Any, Any]]:
 def column_currents(
     network: Network, digits: int = 60, slots: Sequence[int] | None = None
 ) -> NDArray[np.float64]:
-    """Return column currents of some slots (driven rows), by default all, [slots, cols] in ampere.
-
-    With `digits` 0 they are exact fractions, which grow with the number of nodes: a dozen are quick.
-    """
-    places = range(network.rows) if slots is None else slots
-    out = np.empty((len(places), network.cols))
+    """Return column currents of some slots (driven rows), by default all, [slots, cols] in ampere."""
     more = _SHORT_DIGITS if np.isinf(network.g_taxel_s).any() or network.r_return_ohm else 0
-    with mpmath.workdps(digits + more if digits else 15):
-        for i, row in enumerate(places):
-            out[i] = list(map(float, slot_currents(network, row, mpmath.mpf if digits else Fraction)))
-    return out
+    with mpmath.workdps(digits + more):
+        rows = [slot_currents(network, row) for row in (range(network.rows) if slots is None else slots)]
+    return np.array(rows, dtype=float)
 
 
 def elements(
@@ -126,8 +119,9 @@ def elements(
     return found, known, injected
 
 
-def slot_currents(network: Network, driven: int, exact: Callable[[Any], Any] = mpmath.mpf) -> list[Any]:
-    """Return column currents while one row is driven, as numbers of the kind that `exact` makes."""
+def slot_currents(network: Network, driven: int) -> list[mpmath.mpf]:
+    """Return column currents while one row is driven."""
+    exact = mpmath.mpf
     found, known, injected = elements(network, driven, exact)
     voltage = dict(known)
     # Unconnected nodes carry no current: only nodes tied to a source count.
@@ -171,7 +165,6 @@ def slot_currents(network: Network, driven: int, exact: Callable[[Any], Any] = m
 def gauss(matrix: list[list[Any]], right: list[Any]) -> list[Any]:
     """Solve matrix x = right, positive definite, by elimination without pivoting."""
     n = len(right)
-    matrix, right = [list(row) for row in matrix], list(right)
     for k in range(n):
         for i in range(k + 1, n):
             if matrix[i][k]:
