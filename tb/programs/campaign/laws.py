@@ -52,11 +52,7 @@ class Subject:
         self.directory, self.seed = directory, seed
         self.scene = world.read(directory)
         self.auto = self.scene.table.effects.auto is not None
-        whole = self.scene
-        if self.auto:  # switch on all effects that auto considers
-            table = whole.table.effects.model_copy(update={"auto": None} | whole.effects)
-            whole = dataclasses.replace(whole, table=whole.table.model_copy(update={"effects": table}))
-        self.plan = planning.make(whole, "event")
+        self.plan = planning.whole(self.scene, "event")  # with all effects that auto considers
 
     def rng(self, name: str) -> np.random.Generator:
         """Return random numbers of one law, independent of other laws."""
