@@ -7,20 +7,19 @@ of the method's own digital side. Frames of 16 x 16 resistances with eight effec
 difference of the codes from a reference in 50 digits (tb/reference/frame.py). Times are processor times.
 """
 
-import csv
-import io
 import itertools
 import math
 import statistics
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
 from dermis import engines
@@ -276,11 +275,7 @@ def frame_methods(quick: bool) -> Iterator[Method]:
 
 def points_csv(points: Sequence[Any]) -> str:
     """Return records, a dataclass each, as csv."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(asdict(points[0])), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(point) for point in points)
-    return text.getvalue()
+    return pd.DataFrame(points).to_csv(index=False)
 
 
 def pareto(points: Sequence[Point]) -> list[Point]:
