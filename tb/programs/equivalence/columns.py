@@ -7,6 +7,7 @@ apart from the Verilog, which has its own proofs. A column runs once: its record
 """
 
 import hashlib
+import itertools
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +33,7 @@ from scripts.judged import SHOW
 from tb.reference.chip import Synchronizer
 
 WORK = ROOT / "build" / "equivalence"
-"""Records and logs of columns, which `dermis equivalence` and `dermis calibrated` share."""
+"""Records and logs of columns, of `dermis equivalence` and `dermis calibrated`."""
 
 _OPEN_S, _CLOCK_S = 120.0, 1.0
 """Time limits of a column: operating point and clock, thirty times those on an idle core."""
@@ -179,26 +180,19 @@ def records(
 ) -> list[list[Slot] | str]:
     """Return the records of columns in order; a text is the reason for a missing one.
 
-    With `fresh` no record stored in `work` is used.
+    They are kept in `work` under the title; with `fresh` none from before is used.
     """
     sources = (Path(__file__), ngspice.SOURCE, Path(ngspice.__file__))
     stamp = hashlib.sha256(b"".join(f.read_bytes() for f in sources)).hexdigest()[:16]
-    stored = {c.name: Checkpoint(work / "columns" / f"{c.name}.json", stamp, fresh=fresh) for c in columns}
-    todo = {c.name: c for c in columns if "slots" not in stored[c.name].pieces}
-    faults: dict[str, str] = {}
-    tasks = (
-        workers.Task(simulate, (c, work / "logs" / f"{name}.log"), _OPEN_S + _CLOCK_S * c.clocks * c.rows)
-        for name, c in todo.items()
-    )
-    with progress.slots(title, len(columns), "columns") as tell:
-        for done, (number, outcome) in enumerate(workers.run(tasks, jobs, fresh=True), 1):
-            name = list(todo)[number]
-            if outcome.fault:
-                faults[name] = outcome.fault
-            else:
-                stored[name].put("slots", outcome.value)
-            tell(len(columns) - len(todo) + done)
-    found = {
-        n: [Slot(*map(np.array, slot)) for slot in stored[n].pieces["slots"]] for n in stored.keys() - faults
+    store = Checkpoint(work / f"{title}.json", stamp, fresh=fresh)
+    tasks = {}
+    for c in columns:
+        limit_s = _OPEN_S + _CLOCK_S * c.clocks * c.rows
+        tasks[c.name] = workers.Task(simulate, (c, work / "logs" / f"{c.name}.log"), limit_s)
+    done = itertools.count(1 + len(tasks.keys() & store.pieces.keys()))
+    with progress.slots(title, len(tasks), "columns") as tell:
+        faults = store.run(tasks, jobs, lambda name: tell(next(done)), fresh=True)
+    whole = {
+        name: [Slot(*map(np.array, slot)) for slot in store.pieces[name]] for name in tasks.keys() - faults
     }
-    return [(found | faults)[column.name] for column in columns]
+    return [(whole | faults)[c.name] for c in columns]

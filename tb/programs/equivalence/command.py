@@ -83,7 +83,7 @@ def length_row(jobs: int, fresh: bool) -> Row:
     name = "equivalence.short_gate_error"
     short = LENGTH.column()
     full = dataclasses.replace(short, clocks=design_module.load().timing.gate_clocks)
-    found = columns.records([short, full], jobs, "equivalence", fresh)
+    found = columns.records([short, full], jobs, "length", fresh)
     if any(isinstance(slots, str) for slots in found):
         return verdict.error(name, "; ".join(s for s in found if isinstance(s, str)))
     foreseen = gate.counts(gate.read(found[0]))
