@@ -17,7 +17,8 @@ from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Decoder, Forces
 from dermis.errors import InputError
 from dermis.report import calibrate, read, verdict
 from dermis.skin import Skin
-from tb.programs.decode.board import Board, rectangles, touches
+from tb.programs.decode.board import Board, touches
+from tb.programs.decode.session import rectangles
 
 ROWS, COLS = 6, 8
 

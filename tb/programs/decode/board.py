@@ -103,16 +103,6 @@ class Board:
         return session.write_tables(directory, (self.rows, self.cols), 'scene = "board.toml"', loads, codes)
 
 
-def rectangles(rng: np.random.Generator, forces_n: Floats, rows: int, cols: int) -> Floats:
-    """Return weights [loads, rows, cols] in newtons, one a force, each on a rectangle somewhere."""
-    loads = np.zeros((len(forces_n), rows, cols))
-    for load, force in zip(loads, forces_n, strict=True):
-        height, width = rng.integers(rows // 3, rows + 1), rng.integers(cols // 3, cols + 1)
-        r, c = rng.integers(0, rows - height + 1), rng.integers(0, cols - width + 1)
-        load[r : r + height, c : c + width] = force
-    return loads
-
-
 def touches(rng: np.random.Generator, frames: int, rows: int, cols: int) -> Floats:
     """Return frames of two or three round touches of up to 6 N each, [frames, rows, cols] in newtons."""
     row, col = np.mgrid[:rows, :cols]

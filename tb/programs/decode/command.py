@@ -132,9 +132,9 @@ def hysteresis() -> verdict.Row:
     """Identify hysteresis and creep from one cycle of codes, and judge them on others."""
     size = {"rows": 4, "cols": 4}
     skin = Skin(made(array=size, effects={"sensor_hysteresis": True, "sensor_creep": True}))
-    one = np.broadcast_to((13 * np.sin(np.pi * np.arange(500) * 2e-3) ** 2)[:, None, None], (500, 4, 4))
     blind = without_memory(Calibration.of_plan(skin.plan))
-    found, values = identify.fit_memory(blind, skin.read(one, 2e-3), one, 2e-3)
+    force, codes = session.cycle(skin, 13.0)
+    found, values = identify.fit_memory(blind, codes, force, session.T_FRAME_S)
     off: dict[str, list[Floats]] = {"before": [], "after": []}
     for seed in range(SEED, SEED + 10):
         skin.reset()
@@ -275,7 +275,7 @@ def board_force() -> verdict.Row:
         factor = np.exp(0.1 * rng.standard_normal((16, 32)))
         sheet = board.Board(16, 32, bits, divider_ohm, 1e3, factor, reference_v=1.1, multiplexer_ohm=4.0)
         with tempfile.TemporaryDirectory() as held:
-            loads = board.rectangles(rng, np.geomspace(1.0, 12.0, 30), sheet.rows, sheet.cols)
+            loads = session.rectangles(rng, np.geomspace(1.0, 12.0, 30), sheet.rows, sheet.cols)
             known, _ = calibrate.session(sheet.session(Path(held), loads, 22.0, rng))
         force = board.touches(rng, 60, sheet.rows, sheet.cols)
         counts = sheet.counts(force, rng)

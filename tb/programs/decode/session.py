@@ -22,25 +22,15 @@ def currents(true: Calibration, count: int = 40) -> tuple[Floats, NDArray[np.int
     return current, np.broadcast_to(codes, (count, true.rows, true.cols))
 
 
-def weights(skin: Skin, forces_n: Floats) -> tuple[Floats, NDArray[np.integer]]:
-    """Return loads [loads, rows, cols] in newtons, one a force, and their codes.
-
-    Each is a rectangle somewhere on the sheet, put on from rest.
-    """
-    rng = np.random.default_rng(0)
-    loads = np.zeros((len(forces_n), skin.rows, skin.cols))
+def rectangles(rng: np.random.Generator, forces_n: Floats, rows: int, cols: int) -> Floats:
+    """Return weights [loads, rows, cols] in newtons, one a force, each on a rectangle, which may hang over."""
+    loads, size = np.zeros((len(forces_n), rows, cols)), np.array([rows, cols])
     for load, force in zip(loads, forces_n, strict=True):
-        size = np.array(load.shape)
-        least = np.maximum(size // 3, 1)
-        extent = rng.integers(least, size + 1)
+        extent = rng.integers(np.maximum(size // 3, 1), size + 1)
         corner = rng.integers(-extent // 2, size - extent // 2)
         r, c = np.maximum(corner, 0)
         load[r : max(corner[0] + extent[0], r + 1), c : max(corner[1] + extent[1], c + 1)] = force
-    codes = []
-    for load in loads:
-        skin.reset()
-        codes.append(skin.read(load))
-    return loads, np.array(codes)
+    return loads
 
 
 def cycle(skin: Skin, peak_n: float) -> tuple[Floats, NDArray[np.integer]]:
@@ -79,6 +69,8 @@ def write(directory: Path, skin: Skin, forces_n: Floats, law: str = "linear") ->
         np.save(directory / "cycle.npy", codes)
         np.save(directory / "cycle_force.npy", force)
         lines.append(f'[[cycle]]\nfile = "cycle.npy"\nforce_n = "cycle_force.npy"\nt_frame_s = {T_FRAME_S!r}')
-    loads, read = weights(skin, forces_n)
-    start = f'law = "{law}"'
-    return write_tables(directory, (skin.rows, skin.cols), start, loads, read[:, None], *lines)
+    loads, codes = rectangles(np.random.default_rng(0), forces_n, skin.rows, skin.cols), []
+    for load in loads:
+        skin.reset()  # each is put on from rest
+        codes.append(skin.read(load)[None])
+    return write_tables(directory, (skin.rows, skin.cols), f'law = "{law}"', loads, codes, *lines)
