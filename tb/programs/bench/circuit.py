@@ -29,7 +29,6 @@ from dermis.files import write_atomic
 from dermis.lockstep.ngspice import Deck, NgspiceHalf, loaded
 from dermis.ndarrays import Floats
 from dermis.records import Timing
-from scripts import workers
 
 JOB_VARIABLE = "DERMIS_BENCH_JOB"
 
@@ -287,16 +286,12 @@ async def _loop(dut: Any, job: LoopJob, where: Path) -> tuple[float, float]:
     [(frame, levels)] = halves
     trace, at = chip.trace, chip.trace.begins[0]
     nets = (trace.row_select, timing.rows), (trace.preset, 1), (trace.charge, job.cols)
-    old, clocks = [int(level) for level in levels], [[]]
-    for clock in range(1, len(trace.charge) - at):
-        new = [bits[at + clock - 1] >> bit & 1 for bits, width in nets for bit in range(width)]
-        moved = [i for i, level in enumerate(new) if level != old[i]]
-        clocks.append([(clock * t_clk, i, float(new[i])) for i in moved])
-        old = new
-    first = np.cumsum([0, *map(len, clocks)], dtype=np.int32)
-    time, source, level = np.array([edge for clock in clocks for edge in clock]).reshape(-1, 3).T.copy()
+    clocks = range(at, len(trace.charge) - 1)
+    now = np.array([[word[n] >> bit & 1 for word, width in nets for bit in range(width)] for n in clocks])
+    clock, source = np.nonzero(np.diff(now, axis=0, prepend=[levels]))
+    first = np.searchsorted(clock + 1, np.arange(len(now) + 2)).astype(np.int32)
     told = np.zeros((3, 2 * job.cols + 8))
-    arrays = source.astype(np.int32), time, level, told
+    arrays = source.astype(np.int32), (clock + 1) * t_clk, now[clock, source].astype(float), told
     _replay(loaded().lockstep_advance, t_clk, first[:1], *arrays)  # compiles
     alone = make_half(0, levels)
     if failed := _replay(loaded().lockstep_advance, t_clk, first, *arrays):
@@ -353,11 +348,3 @@ def measure(job: Job, where: Path, limit_s: float) -> Run:
 def loop_cpu_s(job: LoopJob, where: Path, limit_s: float) -> tuple[float, float]:
     """Return the processor time of a frame and that of ngspice alone, from time 0 to the end."""
     return _in_top(_loop, job, job.parameters, where, limit_s)
-
-
-def in_process(function: Callable[..., Any], *arguments: Any, limit_s: float) -> Any:
-    """Return the value of a function in a process of its own; SimulatorError if it failed or took too long."""
-    [(_, outcome)] = workers.run([workers.Task(function, arguments, limit_s)], 1)
-    if outcome.fault:
-        raise SimulatorError(outcome.fault)
-    return outcome.value

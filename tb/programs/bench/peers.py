@@ -27,6 +27,7 @@ from dermis.converter.vfc import count_rational
 from dermis.errors import SimulatorError
 from dermis.ndarrays import Floats
 from dermis.processes import children
+from scripts import workers
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench.circuit import OPTIONS, Circuit
 from tb.programs.bench.measure import cpu_once
@@ -310,8 +311,14 @@ PEERS = {"xspice": xspice, **GUESTS}
 
 
 def badcrossbar(network: Network, limit_s: float, repeat: int) -> tuple[float, Floats]:
-    """Return processor seconds of badcrossbar for all rows of a frame at once, and column currents [rows, cols]."""
-    return circuits.in_process(_badcrossbar, network, repeat, limit_s=limit_s)
+    """Return processor seconds of badcrossbar for all rows of a frame at once, and column currents [rows, cols].
+
+    It has a process of its own; raises SimulatorError if it failed or took too long.
+    """
+    [(_, outcome)] = workers.run([workers.Task(_badcrossbar, (network, repeat), limit_s)], 1)
+    if outcome.fault:
+        raise SimulatorError(outcome.fault)
+    return outcome.value
 
 
 def _badcrossbar(network: Network, repeat: int) -> tuple[float, Floats]:
