@@ -29,14 +29,12 @@ def walk_reference(
     clocks: int,
     charge_delay: float,
     digits: int = 50,
-    vary: list[float] | None = None,
     draws: Draws | None = None,
 ) -> Walk:
     """Return bits and the charge at every clock of one cell in `digits` decimal digits.
 
-    `cell` has the keys of `Cells`; `vary` takes the place of its x clock by clock. The packets are
-    kept as a list of intervals, and the walk stops at every instant where anything can change;
-    nothing is shared with the loops.
+    `cell` has the keys of `Cells`. The packets are kept as a list of intervals, and the walk stops at
+    every instant where anything can change; nothing is shared with the loops.
     """
     with mpmath.workdps(digits):
         one, zero = mpmath.mpf(1), mpmath.mpf(0)
@@ -49,7 +47,6 @@ def walk_reference(
         charge: list[mpmath.mpf] = []
         nearest = mpmath.inf
         for n in range(1, clocks + 1):
-            x = c["x"] if vary is None else mpmath.mpf(vary[n - 1])
             slow, alone = (zero, zero) if draws is None else (mpmath.mpf(d[n - 1]) for d in draws[:2])
             rise, fall = c["rise"] - slow, c["fall"] - slow
             sample = n - c["delay"]
@@ -57,7 +54,9 @@ def walk_reference(
             seen, at_sample, active = is_high, v, fall if is_high else rise
             for until in sorted(edges | {sample, mpmath.mpf(n)}):
                 middle = (now + until) / 2
-                current = x - sum((c["packet"] for begin, end in packets[-2:] if begin < middle < end), zero)
+                current = c["x"] - sum(
+                    (c["packet"] for begin, end in packets[-2:] if begin < middle < end), zero
+                )
                 way = _way(c, w, v, current)
                 for time in [*_turns(c, w, v, current, until - now), until - now]:
                     w_then, v_then = way(time)
