@@ -31,21 +31,24 @@ _EXAMPLES = 4  # examples stored of each law
 class Size:
     """Scenes of a task, seconds of a scene, scenes of a short and of a whole run.
 
-    From `telling` scenes on every law must have applied; the rarest is asked about one scene in 50.
+    From `telling` scenes of laws on each must have applied; the rarest is asked about one scene in 50.
     """
 
     task: int
     limit_s: float  # the first scene of a worker compiles loops for 10 s, or Verilog for a minute
     short: int
     whole: int
-    telling: int
+    telling: int = 0
 
 
 SIZES = {
     "closed,event": Size(50, 120.0, 200, 100_000, 2_000),
     "rtl": Size(10, 240.0, 10, 2_000, 10),
     "cosim": Size(2, 240.0, 2, 300, 10),
+    **dict.fromkeys(search.FILTER_KINDS, Size(50, 225.0, 20, 2_600)),
+    **dict.fromkeys(search.SKIN_KINDS, Size(50, 225.0, 20, 1_000)),
 }
+"""By the engines whose laws are asked about, and by kind of search."""
 
 
 @dataclass
@@ -61,46 +64,51 @@ def scene_of(engines: str, seed: int, number: int) -> World:
     return replace(random_scene(random.Random(f"{seed} {number}"), PROFILES[engines]), engines=engines)
 
 
-def run_scenes(engines: str, seed: int, first: int, stop: int) -> dict[str, Any]:
-    """Run scenes first .. stop - 1 in a worker and return their piece."""
+def run_scenes(name: str, seed: int, first: int, stop: int) -> dict[str, Any]:
+    """Run scenes first .. stop - 1 of some engines or a search in a worker and return their piece."""
     counts: Counter[str] = Counter()
     broken, start = [], time.process_time()
     for number in range(first, stop):
-        found = laws.judge(scene_of(engines, seed, number), engines, number)
         counts["worlds"] += 1
+        if name in search.SEARCHES:
+            compared = search.SEARCHES[name](name, seed, number)
+            counts.update(compared)
+            broken += [(number, name, "")] if compared["wrong"] or compared.get("missed") else []
+            continue
+        found = laws.judge(scene_of(name, seed, number), name, number)
         counts["refused"] += bool(found.refused)
         counts["given_up"] += found.given_up
         counts["conversions"] += found.conversions
         for what, names in (("asked", found.asked), ("compared", found.compared)):
-            counts.update({f"{what}.{name}": count for name, count in names.items()})
+            counts.update({f"{what}.{law}": count for law, count in names.items()})
         broken += [(number, *one) for one in found.broken]
     counts["milliseconds"] = round(1e3 * (time.process_time() - start))
     return {"counts": dict(counts), "broken": broken}
 
 
-def run(engines: str, seed: int, scenes: int, store: Checkpoint, processes: int) -> Tally:
+def run(name: str, seed: int, scenes: int, store: Checkpoint, processes: int) -> Tally:
     """Run the scenes that have no piece yet; tasks that hang or crash run again scene by scene."""
-    size, total = SIZES[engines], Tally()
+    size, total = SIZES[name], Tally()
 
     def tasks(ends: Iterable[tuple[int, int]], limit_s: float) -> dict[str, workers.Task]:
-        return {f"{a}-{b}": workers.Task(run_scenes, (engines, seed, a, b), limit_s) for a, b in ends}
+        return {f"{name} {a}-{b}": workers.Task(run_scenes, (name, seed, a, b), limit_s) for a, b in ends}
 
     # Most scenes take milliseconds: a task has the time of a few that compile first.
     ends = [(first, min(first + size.task, scenes)) for first in range(0, scenes, size.task)]
     every = tasks(ends, 4.0 * size.limit_s)
-    with slots(f"campaign {engines}", scenes, "scenes") as show:
+    with slots(f"campaign {name}", scenes, "scenes") as show:
 
-        def on_done(name: str) -> None:
+        def on_done(_: str) -> None:
             show(sum(store.pieces[n]["counts"]["worlds"] for n in every if n in store.pieces))
 
-        lost = [every.pop(name).arguments[2:] for name in store.run(every, processes, on_done)]
+        lost = [every.pop(piece).arguments[2:] for piece in store.run(every, processes, on_done)]
         alone = tasks([(n, n + 1) for first, stop in lost for n in range(first, stop)], size.limit_s)
         for piece, fault in store.run(alone, processes, on_done).items():
-            violation = (int(piece.partition("-")[0]), "ends", fault)
+            violation = (alone[piece].arguments[2], "ends", fault)
             store.put(piece, {"counts": {"worlds": 1}, "broken": [violation]})
-    for name in (*every, *alone):
-        total.counts.update(store.pieces[name]["counts"])
-        total.broken += [tuple(one) for one in store.pieces[name]["broken"]]
+    for piece in (store.pieces[n] for n in (*every, *alone)):
+        total.counts.update(piece["counts"])
+        total.broken += map(tuple, piece["broken"])
     return total
 
 
@@ -137,6 +145,40 @@ def rows(engines: str, seed: int, scenes: int, total: Tally) -> Iterator[verdict
             yield verdict.judge(f"campaign.compared.{name}.{law}", compared)
 
 
+def search_rows(seed: int, short: bool, store: Checkpoint, processes: int) -> Iterator[verdict.Row]:
+    """Run the searches and yield their rows."""
+    totals = {}
+    for kind in search.SEARCHES:
+        scenes = SIZES[kind].short if short else SIZES[kind].whole
+        totals[kind] = run(kind, seed, scenes, store, processes)
+    for kind in search.FILTER_KINDS:
+        yield _wrong_codes(f"auto.{kind}_wrong_codes", totals[kind])
+    every = [totals[kind] for kind in search.SKIN_KINDS]
+    counts = sum((total.counts for total in every), Counter())
+    total = Tally(counts, [one for total in every for one in total.broken])
+    yield _wrong_codes("skin.simulate_wrong_codes", total)
+    for kind in search.SKIN_KINDS:
+        missed, cells = (totals[kind].counts[name] for name in ("missed", "cells"))
+        share, note = (
+            1.0 - missed / cells if cells else None,
+            f"{missed} of {cells} cells beyond their interval",
+        )
+        yield _searched(f"decode.interval_coverage.{kind}", share, note, totals[kind])
+
+
+def _wrong_codes(name: str, total: Tally) -> verdict.Row:
+    codes = total.counts["codes"]
+    return _searched(name, total.counts["wrong"] if codes else None, f"of {codes} codes", total)
+
+
+def _searched(name: str, value: float | None, note: str, total: Tally) -> verdict.Row:
+    """Judge a search; one with a scene that did not end is not measured."""
+    if ends := [line for _, law, line in total.broken if law == "ends"]:
+        return verdict.judge(name, None, ends[0])
+    note += f"; {total.counts['worlds']} scenes, {total.counts['refused']} refused"
+    return verdict.judge(name, value, note + "".join(f", scene {n}" for n, _, _ in total.broken[:5]))
+
+
 @click.command("campaign")
 @click.option(
     "--scenes",
@@ -170,7 +212,7 @@ def campaign_command(
     cases = store_cases(engines, seed, total, Path(found))
     found_rows = list(rows(engines, seed, many, total))
     if engines == "closed,event" and (short or scenes is None):
-        found_rows += search.run(seed, short, store, processes)
+        found_rows += search_rows(seed, short, store, processes)
     code = judged.finish("campaign", found_rows, f"{many} random scenes, engines {engines}")
     for path in cases:
         click.echo(f"new case: {path}")
