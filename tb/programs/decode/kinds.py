@@ -143,24 +143,23 @@ def gap(cell: str) -> str:
 
 
 def tekscan(
-    unit: str, space: str, label: str, end: str = "", lost: int = -1, point: str = ".", step: str = "0.02"
-) -> str:
-    """Return an export of Tekscan; row 0, column 5 has no sensel."""
+    unit: str, space: str, label: str, factor: float = 1.0, lost: int = COUNT, point: str = ".", **more: str
+) -> Case:
+    """Return the case of an export of Tekscan of 25 mm2 a taxel; row 0, column 5 has no sensel, frame `lost` is absent.
+
+    `factor` is the unit, if it is a pressure, in kPa; more are `step` in seconds and `end` of the lines of the head.
+    """
     head = ["DATA_TYPE MOVIE", f"ROWS {ROWS}", f"COLS {COLS}", f"ROW_SPACING {space}", f"COL_SPACING {space}"]
-    head += [f"SECONDS_PER_FRAME {step}", f"UNITS {unit}", "ASCII_DATA @@"]
-    lines, mark = [line + end for line in head], ";" if point == "," else ","
-    for n, frame in enumerate(FRAMES):
-        if n != lost:
-            rows = [cells(row, point) for row in frame]
-            rows[0][5] = "B"
-            lines += ["", label.format(n=n + 1, t=0.02 * n), *map(mark.join, rows)]
-    return "\n".join([*lines, "@@"]) + "\n"
-
-
-def of_tekscan(unit: str, space: str, label: str, factor: float = 1.0, **more: Any) -> Case:
-    """Return the case of an export of Tekscan of 25 mm2 a taxel, in newtons or in kPa times a factor."""
-    name = "newtons" if unit == "N" else "kpa"
-    return Case("a.asf", tekscan(unit, space, label, **more), {}, NO_SENSEL * factor, None, name, 25.0)
+    head += [f"SECONDS_PER_FRAME {more.get('step', 0.02)}", f"UNITS {unit}", "ASCII_DATA @@"]
+    lines, mark = [line + more.get("end", "") for line in head], ";" if point == "," else ","
+    there = np.arange(COUNT) != lost
+    for n in np.flatnonzero(there):
+        rows = [cells(row, point) for row in FRAMES[n]]
+        rows[0][5] = "B"
+        lines += ["", label.format(n=n + 1, t=0.02 * n), *map(mark.join, rows)]
+    text, name = "\n".join([*lines, "@@"]) + "\n", {"N": "newtons", "Raw": None}.get(unit, "kpa")
+    says = "" if there.all() else "1 frame lost"
+    return Case("a.asf", text, {}, NO_SENSEL[there] * factor, TIME[there], name, 25.0, says=says)
 
 
 def xsensor() -> str:
@@ -379,7 +378,6 @@ WRAPPED = {"time_us": [str((2**32 - 50_000 + 20_000 * n) % 2**32) for n in range
 LIST = "".join(f'{t:.2f},"[{", ".join(cells(f.ravel()))}]"\n' for t, f in zip(TIME, FRAMES, strict=True))
 QUOTED = table(flat, {"time": seconds()}, mark='","').strip().replace("\n", '"\n"')
 KPA25 = {"unit": "kpa", "area_mm2": 25.0}
-LOST = np.delete(NO_SENSEL, 9, 0), np.delete(TIME, 9)
 LOST_LINE = np.delete(FRAMES, 4, 0), np.delete(TIME, 4)
 LOST_ROWS = [(7, 3), (8, 0)]
 BLANK_LINES = table(None).replace("\n", "\r\n\r\n")
@@ -444,15 +442,13 @@ CASES: dict[str, Case] = {
     "a list in one column": Case("a.csv", "time,data\n" + LIST, SIZE),
     "csv.gz": Case("a.csv.gz", gzip.compress(table(flat, {"t": seconds()}).encode()), SIZE),
     # Makers.
-    "Tekscan, kPa": of_tekscan("KPa", "5 mm", "Frame {n}"),
-    "Tekscan, psi": of_tekscan("PSI", "0.5 cm", "Frame {n}", PSI, end=",,,"),
-    "Tekscan, mmHg": of_tekscan("mmHg", "0.19685039 inches", "Frame {n}", MMHG),
-    "Tekscan, N/cm2": of_tekscan("N/cm2", "5 mm", "Frame {n}", 10),
-    "Tekscan, N, stamps, commas": of_tekscan("N", "5 mm", "Frame {n} ({t:.3f} s)", end=";;", point=","),
-    "Tekscan, raw, a lost frame": Case(
-        "a.asf", tekscan("Raw", "5 mm", "Frame {n}", lost=9), {}, *LOST, area_mm2=25.0, says="1 frame lost"
-    ),
-    "Tekscan, exponents": of_tekscan("KPa", "5.0e-1 cm", "Frame {n}", step="2.0E-02"),
+    "Tekscan, kPa": tekscan("KPa", "5 mm", "Frame {n}"),
+    "Tekscan, psi": tekscan("PSI", "0.5 cm", "Frame {n}", PSI, end=",,,"),
+    "Tekscan, mmHg": tekscan("mmHg", "0.19685039 inches", "Frame {n}", MMHG),
+    "Tekscan, N/cm2": tekscan("N/cm2", "5 mm", "Frame {n}", 10),
+    "Tekscan, N, stamps, commas": tekscan("N", "5 mm", "Frame {n} ({t:.3f} s)", end=";;", point=","),
+    "Tekscan, raw, a lost frame": tekscan("Raw", "5 mm", "Frame {n}", lost=9),
+    "Tekscan, exponents": tekscan("KPa", "5.0e-1 cm", "Frame {n}", step="2.0E-02"),
     "XSENSOR, two sensors": Case("a.csv", xsensor(), {}, asks="--part"),
     "XSENSOR, one of two": Case("a.csv", xsensor(), {"part": 2}, FRAMES * MMHG, None, "kpa", 20.0),
     "novel emed": Case("a.lst", emed().encode("latin-1"), {}, **KPA25),
