@@ -17,7 +17,6 @@ import click
 import numpy as np
 
 from dermis.chip import column_calibration, sky130
-from dermis.chip.spice_text import spice_number
 from dermis.files import write_atomic
 from dermis.places import BUILD
 from dermis.report import verdict
@@ -69,8 +68,6 @@ def column_of(loads: Sequence[Load], condition: Condition, blocks: Path | None =
     elements = [f"vbias vbias 0 {v_bias_v!r}"]
     test = "vtest d_test vss_d 0"
     for r, load in enumerate(loads):
-        if math.isfinite(load.ohm):
-            elements.append(f"rtaxel{r} row{r} col {spice_number(load.ohm)}")
         if load.shifted:
             elements.append(f"gshift{r} xch.v_sum 0 row{r} 0 {SHIFT_A / v_bias_v:.9g}")
         if load.test:
@@ -78,7 +75,8 @@ def column_of(loads: Sequence[Load], condition: Condition, blocks: Path | None =
     d_k0, d_k1 = (("vss_d", "vdd_d")[sky130.MIRROR_RATIOS.index(k) >> n & 1] for n in (0, 1))
     pins = f"col d_charge d_preset {d_k0} {d_k1} d_test comp vbias vref agnd ibias vdd vss vdd_d vss_d"
     probes = ("xch.v_comp", "xch.xvfc.v_int")
-    deck = deck_of(len(loads), [*elements, test], f"xch {pins} column", probes, condition, blocks)
+    channel = [*elements, test, f"xch {pins} column"]
+    deck = deck_of([load.ohm for load in loads], channel, probes, condition, blocks)
     return Column(deck, CLOCKS)
 
 
@@ -141,8 +139,8 @@ def rows_of(
     """Return the verdicts of all draws, and the error of each by condition and resistance."""
     lost = {at: slots for at, slots in shown.items() if isinstance(slots, str)}
     still = {at: at.celsius == Condition().celsius for at in shown}
-    good = {at: slots for at, slots in shown.items() if at not in lost}
-    lines = {at: lines_of(CALIBRATION if still[at] else DRIFT, slots) for at, slots in good.items()}
+    loads = {at: CALIBRATION if still[at] else DRIFT for at in shown}
+    lines = {at: lines_of(loads[at], slots) for at, slots in shown.items() if at not in lost}
     zero, error, drift = {}, {}, {}
     if Condition() in lines:
         i_test_a = test_current_a(lines.pop(Condition()), design)

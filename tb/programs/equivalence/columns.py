@@ -8,6 +8,7 @@ apart from the Verilog, which has its own proofs. A column runs once: its record
 
 import hashlib
 import itertools
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,19 +58,19 @@ Record = tuple[list[bool], list[bool], list[float]]
 
 
 def deck_of(
-    rows: int,
-    loads: Sequence[str],
-    channel: str,
+    ohm: Sequence[float],
+    channel: Sequence[str],
     probes: tuple[str, str],
     condition: Condition,
     blocks: Path | None = None,
 ) -> Deck:
     """Return the deck of a column with ideal row drivers and the capacitance of its line, in one piece.
 
-    `loads` are elements between the row lines row0 ... and the column `col`, `channel` an instance on it,
-    `probes` comparator and integrator, and `blocks` a folder of netlists in place of spice/sky130.
+    `ohm` are taxels, infinite for none, between the row lines row0 ... and the column `col`, `channel` are the
+    instance on it and other elements, `probes` comparator and integrator, and `blocks` a folder of netlists in
+    place of spice/sky130.
     """
-    design, drawn = design_module.load(), condition.sample is not None
+    design, drawn, rows = design_module.load(), condition.sample is not None, len(ohm)
     lines = [
         f"column of {rows} rows at {condition}",
         *([f".options seed={condition.sample}"] if drawn else []),
@@ -78,12 +79,12 @@ def deck_of(
         *sky130.REFERENCE,
         sky130.bias_current("ibias"),
         *(f"v_row{r} row{r} 0 external" for r in range(rows)),
-        *loads,
+        *(f"rtaxel{r} row{r} col {spice_number(float(x))}" for r, x in enumerate(ohm) if math.isfinite(x)),
         f"ccolumn col 0 {spice_number(design.array.c_column_f)}",
         "v_d_preset logic_preset 0 external",
         "v_d_charge logic_charge 0 external",
         *(sky130.logic(name, condition.supply) for name in ("preset", "charge")),
-        channel,
+        *channel,
         netlist.transistor_options(),
         ".end",
     ]

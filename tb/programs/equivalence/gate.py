@@ -17,7 +17,6 @@ import numpy as np
 
 from dermis import plan
 from dermis.array.array import column_currents
-from dermis.chip.spice_text import spice_number
 from dermis.converter import walk
 from dermis.ndarrays import Floats
 from dermis.records import Plan
@@ -65,15 +64,10 @@ class Case:
 
     def column(self, blocks: Path | None = None) -> Column:
         """Return the column to run, of spice/sky130 or of a changed copy."""
-        taxels = [
-            f"rtaxel{r} row{r} col {spice_number(float(ohm))}"
-            for r, ohm in enumerate(self.resistances())
-            if math.isfinite(ohm)
-        ]
         pins = "col d_charge d_preset comp vref agnd ibias vdd vss vdd_d vss_d"
         channel = f"xch {pins} channel_{self.topology} k={self.k}"
         probes = ("comp", "xch.v_int" if self.topology == "direct" else "xch.xvfc.v_int")
-        deck = deck_of(len(self.codes), taxels, channel, probes, self.condition, blocks)
+        deck = deck_of(self.resistances(), [channel], probes, self.condition, blocks)
         return Column(deck, self.clocks, 1.0 if self.topology == "conveyor_mirror_inverted" else -1.0)
 
 
