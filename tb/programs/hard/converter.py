@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,9 +22,8 @@ from dermis.converter import walk
 from dermis.engines import closed, cosim, rtl
 from dermis.ndarrays import Floats
 from dermis.records import Plan
-from dermis.scene import scene
 from tb.programs.hard.case import Case, Measured
-from tb.reference import exact
+from tb.reference import exact, scenes
 
 COLS = 8
 """Columns of a chip of one row, so that few builds serve every case; duties fill its frames."""
@@ -89,22 +87,17 @@ class World:
 def make_plan(world: World, engine: str, cols: int = COLS) -> tuple[Plan, Floats]:
     """Return a plan of open taxels, and the duties that replace them, [frames, rows, cols]."""
     frames = -(-len(world.x) // (world.rows * cols))
-    data = {
-        "array": {"rows": world.rows, "cols": cols},
-        "stimulus": {"kind": "uniform", "code": [0] * frames},
-        "interface": dict(world.interface),
-        "effects": {name: dict(value) for name, value in world.effects.items()},
-    }
-    made = plan.make(scene.from_data(data, Path("hard.toml")), engine)
+    open_ohm = np.full((frames, world.rows, cols), np.inf)
+    made = plan.make(scenes.of_resistances(open_ohm, dict(world.effects), dict(world.interface)), engine)
     timing = dataclasses.replace(
         made.timing,
         gate_clocks=world.gate,
         slot_clocks=made.timing.settle_clocks + world.gate,
         charge_delay_clocks=world.late,
     )
-    x = np.zeros(frames * world.rows * cols)
-    x[: len(world.x)] = world.x
-    return dataclasses.replace(made, timing=timing), x.reshape(frames, world.rows, cols)
+    x = np.zeros(open_ohm.shape)
+    x.flat[: len(world.x)] = world.x
+    return dataclasses.replace(made, timing=timing), x
 
 
 def _closed(world: World) -> NDArray[Any]:
@@ -140,7 +133,7 @@ def _cosim(world: World) -> NDArray[Any]:
     made, x = make_plan(world, "cosim", cols=min(4, len(world.x) // world.rows))
     unit_ohm = made.v_bias_v / float(made.converter.k[0] * made.converter.i0_a[0])
     with np.errstate(divide="ignore", over="ignore"):
-        made = dataclasses.replace(made, resistance_ohm=np.divide(unit_ohm, np.abs(x)), force_n=None)
+        made = dataclasses.replace(made, resistance_ohm=np.divide(unit_ohm, np.abs(x)))
     return cosim.run(made, sync_latch=world.latch).codes
 
 

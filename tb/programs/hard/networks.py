@@ -6,7 +6,6 @@ Each runs in the solver and in engines closed and event: currents of every slot 
 
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,8 @@ from dermis.array import solve_error
 from dermis.array.array import Network, column_currents
 from dermis.converter import vfc
 from dermis.ndarrays import Floats
-from dermis.scene import scene
 from tb.programs.hard.case import Case, Measured
-from tb.reference import nodal
+from tb.reference import nodal, scenes
 
 V_BIAS = 0.5
 K_I0_A = 80 * 12.5e-6  # column current at duty 1 in the plans of `plan_of`
@@ -74,16 +72,11 @@ def currents(name: str) -> Measured:
 
 def plan_of(network: Network, engine: str) -> records.Plan:
     """Return a plan whose array is this network, with an ideal converter."""
-    data = {
-        "array": {"rows": network.rows, "cols": network.cols},
-        "stimulus": {"kind": "uniform", "force_n": 0.0},
-        "interface": {"v_bias_v": V_BIAS, "k": 80, "i0_a": K_I0_A / 80},
-    }
-    made = plan.make(scene.from_data(data, Path("network.toml")), engine)
-    surrounding = {name: getattr(network, name) for name in network.active_fields()}
     with np.errstate(divide="ignore"):
         ohm = 1.0 / network.g_taxel_s[np.newaxis]
-    return replace(made, resistance_ohm=ohm, surrounding=surrounding)
+    interface = {"v_bias_v": V_BIAS, "k": 80, "i0_a": K_I0_A / 80}
+    made = plan.make(scenes.of_resistances(ohm, {}, interface), engine)
+    return replace(made, surrounding={name: getattr(network, name) for name in network.active_fields()})
 
 
 def codes(name: str, engine: str) -> Measured:
