@@ -91,40 +91,23 @@ _Way = Callable[[mpmath.mpf], tuple[mpmath.mpf, mpmath.mpf]]
 def _way(c: dict[str, mpmath.mpf], w: mpmath.mpf, v: mpmath.mpf, current: mpmath.mpf) -> _Way:
     """Return (w, v) as a function of time at a constant current, limits aside."""
     if c["lag"] == 0:
+        rates, start = [(-c["leak"], current - c["leak"] * w)], w
+    else:
+        # v'' + v' (1 / lag + across) + v leak / lag = current / lag
+        b, d = 1 / c["lag"] + c["across"], c["leak"] / c["lag"]
+        root = mpmath.sqrt(b * b - 4 * d)
+        fast = (-b - root) / 2
+        slow = d / fast
+        slope = (w - v) / c["lag"]
+        share = (current / c["lag"] - b * slope - d * v - fast * slope) / root
+        rates, start = [(slow, share), (fast, slope - share)], v
 
-        def alone(t: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
-            at = w + current * t
-            if c["leak"]:
-                at = current / c["leak"] + (w - current / c["leak"]) * mpmath.exp(-c["leak"] * t)
-            return at, at
+    def way(t: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
+        parts = [(size, rate, mpmath.exp(rate * t)) for rate, size in rates]
+        at = start + sum(size * ((e - 1) / rate if rate else t) for size, rate, e in parts)
+        return at + c["lag"] * sum(size * e for size, _, e in parts), at
 
-        return alone
-    # v'' + v' (1 / lag + across) + v leak / lag = current / lag
-    b, d = 1 / c["lag"] + c["across"], c["leak"] / c["lag"]
-    root = mpmath.sqrt(b * b - 4 * d)
-    slow, fast = (-b + root) / 2, (-b - root) / 2
-    slope = (w - v) / c["lag"]
-    if c["leak"] == 0:  # v = p + q t + r exp(fast t)
-        q = current / (c["lag"] * b)
-        r = (slope - q) / fast
-        p = v - r
-
-        def pair(t: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
-            e = mpmath.exp(fast * t)
-            at = p + q * t + r * e
-            return at + c["lag"] * (q + r * fast * e), at
-
-        return pair
-    rest = current / c["leak"]
-    r = (slope - slow * (v - rest)) / (fast - slow)
-    p = v - rest - r
-
-    def both(t: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
-        e, f = mpmath.exp(slow * t), mpmath.exp(fast * t)
-        at = rest + p * e + r * f
-        return at + c["lag"] * (p * slow * e + r * fast * f), at
-
-    return both
+    return way
 
 
 def _turns(
