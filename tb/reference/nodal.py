@@ -6,7 +6,6 @@ Nothing is reduced, reused or shared with dermis.array.array but the meaning of 
 over mpmath's numbers.
 """
 
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -125,17 +124,10 @@ def slot_currents(network: Network, driven: int) -> list[mpmath.mpf]:
     found, known, injected = elements(network, driven, exact)
     voltage = dict(known)
     # Unconnected nodes carry no current: only nodes tied to a source count.
-    near: dict[Node, list[Node]] = defaultdict(list)
-    for a, b, _ in found:
-        near[a].append(b)
-        near[b].append(a)
-    tied, rim = set(known), list(known)
-    while rim:
-        for other in near[rim.pop()]:
-            if other not in tied:
-                tied.add(other)
-                rim.append(other)
-    free = [n for n in near if n in tied and n not in known]
+    tied = set(known)
+    while more := {n for a, b, _ in found if a in tied or b in tied for n in (a, b)} - tied:
+        tied |= more
+    free = list(dict.fromkeys(n for a, b, _ in found for n in (a, b) if n in tied and n not in known))
     place = {n: i for i, n in enumerate(free)}
     matrix = [[exact(0)] * len(free) for _ in free]
     right = [injected.get(node, exact(0)) for node in free]
