@@ -91,9 +91,8 @@ def campaign(count: int, seed: int, frames: int, stored: bool = False) -> tuple[
 
 def fixed_cost(repeats: int = 101) -> verdict.Row:
     """Judge the processor time that auto takes for any scene: of one decided taxel, without its array solve."""
-    stimulus = {"kind": "uniform", "code": 100}
-    data = {"array": {"rows": 1, "cols": 1}, "stimulus": stimulus, "effects": {"auto": {}}}
-    world = scene.from_data(data, Path("fixed_cost.toml"))
+    ohm = np.full((1, 1, 1), scenes.unit_ohm({}) * 510 / 100)
+    world = scenes.of_resistances(ohm, {"auto": {}}, name="fixed_cost")
     found = []
     for _ in range(repeats):
         start = time.process_time()

@@ -40,19 +40,15 @@ def interval(cell: Mapping[str, Any], clocks: int, late: float = 1.0, margin: fl
 
     A packet follows its decision by `late` clocks: 1, or 1/2 with the latch.
     """
-    counts = []
-    for by in (Fraction(margin), -Fraction(margin)) if margin else (Fraction(0),):
-        levels = {
-            name: cell[name] + (_mpf(by) if isinstance(cell[name], mpmath.mpf) else by) for name in _LEVELS
-        }
-        counts.append(_count({**cell, **levels}, clocks, late))
+    moves = {Fraction(margin), -Fraction(margin)}
+    counts = [_count({**cell, **{name: cell[name] + by for name in _LEVELS}}, clocks, late) for by in moves]
     return min(counts), max(counts)
 
 
 def _count(cell: Mapping[str, Any], clocks: int, late: float) -> int:
     x = min(max(cell["x"], -_X_SURE), _X_SURE)
     plain = all(cell[name] == IDEAL[name] for name in IDEAL if name not in _RATIONAL)
-    if plain and cell["rise"] == cell["fall"] and not any(isinstance(cell[n], mpmath.mpf) for n in _RATIONAL):
+    if plain and cell["rise"] == cell["fall"]:
         # The latch takes the packet earlier, but before the next sample that may be a one.
         return count_exact(x, clocks, *(cell[n] for n in ("w0", "packet", "rise")))
     with mpmath.workdps(DIGITS):

@@ -21,7 +21,7 @@ from dermis.converter.vfc import W_PRESET
 from dermis.ndarrays import Floats
 from dermis.scene import scene as scenes
 from dermis.scene import schema
-from dermis.scene.design import TOPOLOGIES
+from dermis.scene.design import TOPOLOGIES, Design
 from dermis.scene.design import load as load_design
 from dermis.scene.schema import write_toml
 
@@ -64,7 +64,9 @@ class World:
         return "# SPDX-License-Identifier: Apache-2.0\n" + write_toml(head | tables)
 
 
-def of_resistances(ohm: Floats, on: Data, interface: Data | None = None, name: str = "made") -> scenes.Scene:
+def of_resistances(
+    ohm: Floats, on: Data, interface: Data | None = None, name: str = "made", design: Design | None = None
+) -> scenes.Scene:
     """Return a scene of taxels [frames, rows, cols] in ohm with effects `on`."""
     data = {
         "array": {"rows": ohm.shape[1], "cols": ohm.shape[2]},
@@ -74,7 +76,7 @@ def of_resistances(ohm: Floats, on: Data, interface: Data | None = None, name: s
     }
     path = Path(f"{name}.toml")
     table = schema.validate(scenes.SceneTable, data, path)
-    return scenes.resolve(table.model_copy(update={"stimulus": table.stimulus.given(ohm)}), path)
+    return scenes.resolve(table.model_copy(update={"stimulus": table.stimulus.given(ohm)}), path, design)
 
 
 def load(path: Path) -> World:

@@ -29,10 +29,10 @@ from dermis.records import Plan
 from dermis.report import verdict
 from dermis.report.figures import save
 from dermis.scene import design as design_module
-from dermis.scene import scene
 from dermis.scene.design import Design
 from scripts import judged
 from tb.programs.accuracy import simulator
+from tb.reference import scenes
 
 HALF = 0.5  # duty at full force
 SETTLE_S = 23e-6  # settling time of the paper's slot: 115 clocks at 5 MHz
@@ -103,14 +103,8 @@ def plan_at(
     """Return a plan that reads ideal duties [frames, rows, cols]; ValueError for a gate beyond 16 bits."""
     if not 1 <= gate_clocks <= LONGEST_GATE:
         raise ValueError(f"a gate of {gate_clocks} clocks, allowed 1..{LONGEST_GATE}")
-    rows, cols = duty.shape[-2:]
-    data = {
-        "array": {"rows": rows, "cols": cols},
-        "stimulus": {"kind": "uniform", "code": [1]},
-        "effects": dict(effects),
-        "run": {"seed": seed},
-    }
-    made = planning.whole(scene.from_data(data, Path("chip.toml"), design_at(f_clk_hz)), "event")
+    ohm = scenes.unit_ohm({}) / duty
+    made = planning.whole(scenes.of_resistances(ohm, dict(effects), design=design_at(f_clk_hz)), "event")
     settle_clocks = max(2, round(SETTLE_S * f_clk_hz))
     timing = replace(
         made.timing,
@@ -119,7 +113,7 @@ def plan_at(
         slot_clocks=settle_clocks + gate_clocks,
         code_max=LONGEST_GATE - 1,
     )
-    return replace(made, timing=timing, resistance_ohm=made.ohm_of_duty(duty), force_n=None)
+    return replace(made, timing=timing, seed=seed)
 
 
 def random_duty(seed: int, frames: int = 2, rows: int = 8, cols: int = 32) -> Floats:

@@ -2,7 +2,6 @@
 """The standing searches of a campaign: `auto` against event, `Skin` against simulate, intervals against the truth."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from dermis.engines import event, filter
 from dermis.errors import InputError, SimulatorError
 from dermis.ndarrays import Floats
 from dermis.records import Plan
-from dermis.scene import scene
 from dermis.scene.design import TOPOLOGIES
 from dermis.skin import Skin
 from tb.reference import scenes
@@ -125,8 +123,7 @@ def skin_counts(kind: str, seed: int, number: int) -> dict[str, int]:
     world, force = sheet(kind, rng)
     counts = {"refused": 0, "codes": 0, "wrong": 0, "cells": 0, "missed": 0}
     try:
-        data = world | {"stimulus": {"kind": "uniform", "force_n": 0.0}}
-        skin = Skin(planning.make(scene.from_data(data, Path("intervals.toml")), "closed"))
+        skin = Skin(world)
         with np.errstate(divide="ignore"):
             ohm = np.where(np.isinf(force), 0.0, skin.plan.sensor.resistance_ohm(np.minimum(force, 1e6)))
         codes = dermis.simulate(world, resistance_ohm=ohm, engine="closed").codes
