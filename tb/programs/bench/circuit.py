@@ -95,12 +95,16 @@ class Circuit:
 
 
 def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) -> list[str]:
-    """Return the converter in our blocks: nodes d_charge and d_hold in, comp0 and xvfc.v_int out."""
+    """Return the converter in our blocks: node d_charge in, comp0 and xvfc.v_int out.
+
+    It has no preset but an initial condition of the integrator (for `uic`).
+    """
+    start = spice_number(circuit.v_start_v)
     values = {"i0_a": circuit.i0_a, "c_int_f": circuit.c_int_f}
     values |= {"v_preset_v": 0.5 * circuit.packet_v, "packet_error": packet_error}
     if circuit.t_gbw_s:
         values["int_t_gbw_s"] = circuit.t_gbw_s
-    return [
+    lines = [
         f'.include "{netlist.SPICE / "design.inc"}"',
         f'.include "{netlist.SPICE / "behavioural" / "blocks.inc"}"',
         "vdd vdd 0 1.65",
@@ -110,16 +114,10 @@ def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) 
         "xvfc v_sum d_charge d_hold comp0 0 0 ibias vdd vss 0 0 vfc "
         + " ".join(f"{name}={spice_number(value)}" for name, value in values.items()),
         options,
+        "vhold d_hold 0 0",
+        f".ic v(xvfc.v_int)={start}",
     ]
-
-
-def start_lines(circuit: Circuit) -> list[str]:
-    """Return no preset but an initial condition of the integrator (for `uic`)."""
-    start = spice_number(circuit.v_start_v)
-    lines = ["vhold d_hold 0 0", f".ic v(xvfc.v_int)={start}"]
-    if circuit.t_gbw_s:
-        lines.append(f".ic v(xvfc.xintegrator.v_amp)={start}")
-    return lines
+    return [*lines, f".ic v(xvfc.xintegrator.v_amp)={start}"] if circuit.t_gbw_s else lines
 
 
 def deck(
@@ -133,7 +131,6 @@ def deck(
     nodes = ["d_row0", "d_preset", "d_charge"]
     lines = ["one converter", *blocks(circuit, packet_error, options)]
     lines += [f"{name} {node} 0 external" for name, node in zip(names, nodes, strict=True)]
-    lines += start_lines(circuit)
     return Deck(tuple(lines), names, tuple(levels), (False,) * 3, ("comp0", "xvfc.v_int"))
 
 

@@ -105,7 +105,6 @@ def xspice(
     lines = [
         "one converter with event-driven code models",
         *circuits.blocks(circuit, options=options),
-        *circuits.start_lines(circuit),
         "aclk [clk] ticks",
         '.model ticks d_source(input_file="clock.txt")',
         "acmp [comp0] [comp] adc",
@@ -224,7 +223,6 @@ def spicebind(
     lines = [
         "one converter",
         *circuits.blocks(circuit, options=options),
-        *circuits.start_lines(circuit),
         "vd_charge d_charge 0 external",
         "bcomp comp 0 v = v(comp0) > 0 ? 1 : 0",
         f".tran {circuit.t_edge_s} {(clocks + 2) / circuit.f_clk_hz:.12e} 0 {step_s} uic",
@@ -247,20 +245,16 @@ def cocotbext_ams(
     circuit = _short(circuit, clocks)
     _compiled(circuit, where, "-DNO_INSTANCE")
     # It needs a subckt with the pins in its own order, and writes the sources itself.
+    blocks = circuits.blocks(circuit)
     inner = [
         ".subckt bench_analog d_charge comp vdd_unused vss_unused",
-        *(line for line in circuits.blocks(circuit) if not line.startswith((".include", ".options"))),
-        "vhold d_hold 0 0",
+        *(line for line in blocks if not line.startswith(".")),
         "bcomp comp 0 v = v(comp0) > 0 ? 1 : 0",
         ".ends",
     ]
     _write(where, "analog.sp", inner)
-    outer = [
-        *(line for line in circuits.blocks(circuit) if line.startswith(".include")),
-        ".save v(x1.xvfc.v_int)",
-        *(line.replace("v(xvfc", "v(x1.xvfc") for line in circuits.start_lines(circuit) if line[0] == "."),
-        options,
-    ]
+    whole = (line for line in blocks if line.startswith((".include", ".ic")))
+    outer = [*(line.replace("v(xvfc", "v(x1.xvfc") for line in whole), ".save v(x1.xvfc.v_int)", options]
     job = step_s, (clocks + 2) / circuit.f_clk_hz, outer
     seconds, waves = circuits.in_simulator(_ams_run, job, "icarus", where, "bench_peer", where, limit_s)
     return _judged(circuit, seconds, *waves.T, _pulses(where))
