@@ -131,7 +131,7 @@ def cycles(seed: int, frames: int, taxels: int) -> Floats:
 def hysteresis() -> verdict.Row:
     """Identify hysteresis and creep from one cycle of codes, and judge them on others."""
     size = {"rows": 4, "cols": 4}
-    skin = Skin(made(array=size, effects={"sensor_hysteresis": True, "sensor_creep": True}))
+    skin = Skin(array=size, effects={"sensor_hysteresis": True, "sensor_creep": True})
     blind = without_memory(Calibration.of_plan(skin.plan))
     force, codes = session.cycle(skin, 13.0)
     found, values = identify.fit_memory(blind, codes, force, session.T_FRAME_S)
@@ -316,8 +316,8 @@ def many_sheets() -> Iterator[verdict.Row]:
 def rates() -> Iterator[verdict.Row]:
     """Frames a second of one core, by processor time."""
     force = np.random.default_rng(0).uniform(0, 10, (3000, 16, 16))
-    droop = Skin(made(effects={"row_driver": True, "column_offset": True}))
-    cross = Skin(made(effects={"row_driver": True, "column_input": True, "lateral": True}))
+    droop = Skin(effects={"row_driver": True, "column_offset": True})
+    cross = Skin(effects={"row_driver": True, "column_input": True, "lateral": True})
     out, codes = np.empty(force.shape, np.uint8), cross.read(force)
     places = Forces.empty(codes.shape)
     reading = [len(codes) / t for t in seconds(lambda: droop.read(force, out=out))]
