@@ -53,24 +53,25 @@ class Checkpoint:
         self,
         tasks: Mapping[str, workers.Task],
         processes: int,
-        on_done: Callable[[str], None] = lambda name: None,
+        tell: Callable[[int, str], None] = lambda done, name: None,
         *,
         fresh: bool = False,
     ) -> dict[str, str]:
         """Run the tasks that have no piece yet in worker processes and store their values.
 
-        `on_done` is called with the name of each task that has ended; `fresh` gives each a new
-        process. Returns name -> fault of each task that failed; it has no piece.
+        `tell` is called with the number of tasks that have ended and the name of the last one; `fresh` gives
+        each a new process. Returns name -> fault of each task that failed; it has no piece.
         """
         todo = [name for name in tasks if name not in self.pieces]
         faults = {}
         try:
-            for number, outcome in workers.run((tasks[name] for name in todo), processes, fresh=fresh):
+            ended = workers.run((tasks[name] for name in todo), processes, fresh=fresh)
+            for done, (number, outcome) in enumerate(ended, len(tasks) - len(todo) + 1):
                 if outcome.fault:
                     faults[todo[number]] = outcome.fault
                 else:
                     self.put(todo[number], outcome.value, now=False)
-                on_done(todo[number])
+                tell(done, todo[number])
         finally:
             if todo:
                 self.save()

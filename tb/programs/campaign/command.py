@@ -98,12 +98,12 @@ def run(name: str, seed: int, scenes: int, store: Checkpoint, processes: int) ->
     every = tasks(ends, 4.0 * size.limit_s)
     with slots(f"campaign {name}", scenes, "scenes") as show:
 
-        def on_done(_: str) -> None:
+        def tell(*_: Any) -> None:
             show(sum(store.pieces[n]["counts"]["worlds"] for n in every if n in store.pieces))
 
-        lost = [every.pop(piece).arguments[2:] for piece in store.run(every, processes, on_done)]
+        lost = [every.pop(piece).arguments[2:] for piece in store.run(every, processes, tell)]
         alone = tasks([(n, n + 1) for first, stop in lost for n in range(first, stop)], size.limit_s)
-        for piece, fault in store.run(alone, processes, on_done).items():
+        for piece, fault in store.run(alone, processes, tell).items():
             violation = (alone[piece].arguments[2], "ends", fault)
             store.put(piece, {"counts": {"worlds": 1}, "broken": [violation]})
     for piece in (store.pieces[n] for n in (*every, *alone)):

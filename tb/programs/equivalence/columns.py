@@ -7,7 +7,6 @@ apart from the Verilog, which has its own proofs. A column runs once: its record
 """
 
 import hashlib
-import itertools
 import math
 import os
 from collections.abc import Sequence
@@ -190,9 +189,8 @@ def records(
     for c in columns:
         limit_s = _OPEN_S + _CLOCK_S * c.clocks * c.rows
         tasks[c.name] = workers.Task(simulate, (c, work / "logs" / f"{c.name}.log"), limit_s)
-    done = itertools.count(1 + len(tasks.keys() & store.pieces.keys()))
     with progress.slots(title, len(tasks), "columns") as tell:
-        faults = store.run(tasks, jobs, lambda name: tell(next(done)), fresh=True)
+        faults = store.run(tasks, jobs, tell, fresh=True)
     whole = {
         name: [Slot(*map(np.array, slot)) for slot in store.pieces[name]] for name in tasks.keys() - faults
     }

@@ -3,7 +3,6 @@
 
 import dataclasses
 import hashlib
-import itertools
 import json
 from collections.abc import Iterable, Sequence
 from typing import NoReturn
@@ -127,9 +126,8 @@ def rule_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
     kept = Checkpoint(columns.WORK / "rules.json", stamp, fresh=fresh)
     work, limit_s = columns.WORK / "rules", faults.TASK_LIMIT_S
     tasks = {fault.name: workers.Task(faults.noticed, (fault, work), limit_s) for fault in asked}
-    done = itertools.count(1 + len(tasks.keys() & kept.pieces.keys()))
     with progress.slots("rules", len(tasks), "faults") as tell:
-        lost = kept.run(tasks, jobs, lambda name: tell(next(done)))
+        lost = kept.run(tasks, jobs, tell)
     passed = [name for name in tasks if not (kept.pieces | lost)[name]]  # one that never ends is noticed
     share = 1.0 - len(passed) / len(tasks) if tasks else None
     note = f"{len(tasks) - len(passed)} of {len(tasks)}"

@@ -47,7 +47,7 @@ def run(trials: Sequence[Trial], bench: Bench, jobs: int, store: Checkpoint) -> 
     """Run the trials without a row in worker processes, and store each row."""
     tasks = {trial.name: workers.Task(measure, (trial, bench), TRIAL_LIMIT_S) for trial in trials}
     with progress.slots("faults", len(tasks), "trials") as tell:
-        missed = store.run(tasks, jobs, lambda name: tell(sum(n in store.pieces for n in tasks), name))
+        missed = store.run(tasks, jobs, tell)
     return [store.pieces.get(name) or verdict.error(f"faults.{name}", missed[name]) for name in tasks]
 
 
