@@ -29,7 +29,6 @@ from dermis.records import Plan
 from dermis.report import verdict
 from dermis.report.figures import save
 from dermis.scene import design as design_module
-from dermis.scene.design import Design
 from scripts import judged
 from tb.programs.accuracy import simulator
 from tb.reference import scenes
@@ -87,24 +86,19 @@ class Point:
         return SETTLE_S + self.gate_clocks / self.f_clk_hz
 
 
-def design_at(f_clk_hz: float) -> Design:
-    """Return the design at another clock; the capacitor keeps the voltage of a packet."""
-    base = design_module.load()
-    slot_s = base.timing.slot_clocks / f_clk_hz
-    return base.replace(
-        converter={"f_clk_hz": f_clk_hz, "c_int_f": base.converter.i0_a / f_clk_hz / base.converter.packet_v},
-        timing={"frame_s": base.array.rows * slot_s},
-    )
-
-
 def plan_at(
     duty: Floats, effects: Mapping[str, Any], gate_clocks: int, f_clk_hz: float = PAPER_HZ, seed: int = 0
 ) -> Plan:
     """Return a plan that reads ideal duties [frames, rows, cols]; ValueError for a gate beyond 16 bits."""
     if not 1 <= gate_clocks <= LONGEST_GATE:
         raise ValueError(f"a gate of {gate_clocks} clocks, allowed 1..{LONGEST_GATE}")
-    ohm = scenes.unit_ohm({}) / duty
-    made = planning.whole(scenes.of_resistances(ohm, dict(effects), design=design_at(f_clk_hz)), "event")
+    base, ohm = design_module.load(), scenes.unit_ohm({}) / duty
+    c_int_f = base.converter.i0_a / f_clk_hz / base.converter.packet_v  # keeps the voltage of a packet
+    design = base.replace(
+        converter={"f_clk_hz": f_clk_hz, "c_int_f": c_int_f},
+        timing={"frame_s": base.array.rows * base.timing.slot_clocks / f_clk_hz},
+    )
+    made = planning.whole(scenes.of_resistances(ohm, dict(effects), design=design), "event")
     settle_clocks = max(2, round(SETTLE_S * f_clk_hz))
     timing = replace(
         made.timing,

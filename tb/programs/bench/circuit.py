@@ -167,17 +167,6 @@ def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -
     return np.array([float(x) for x in found])
 
 
-def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> float:
-    """Return the largest |voltage - exact| over the clock edges after the start.
-
-    `voltage` is that of the integrator at clocks 0, 1, ..., `charge` the switch at clocks 1, 2, ... to the end.
-    """
-    told = np.concatenate([[0], charge])[:-1]
-    if voltage.shape != (told.size + 1,) or told.size < 1:
-        raise ValueError(f"{voltage.size} samples and {charge.size} switch states do not match")
-    return float(np.max(np.abs(voltage[1:] - exact_voltage(circuit, told)[1:])))
-
-
 @dataclass(frozen=True)
 class Job:
     """One run of the circuit."""
@@ -232,7 +221,9 @@ async def _frame(dut: Any, job: Job, where: Path) -> Run:
     half, kept = halves[0], {}
     if chip.trace is not None:
         bits = np.asarray(chip.trace.charge[chip.trace.begins[0] :][: circuit.clocks])
-        kept = {"charge": bits, "error_v": edge_error_v(circuit, chip.samples[0][:, 1], bits)}
+        exact = exact_voltage(circuit, np.concatenate([[0], bits[:-1]]))
+        error_v = float(np.abs(chip.samples[0][1:, 1] - exact[1:]).max())
+        kept = {"charge": bits, "error_v": error_v}
     rate, cpu = circuit.clocks / half.seconds, half.cpu_seconds / circuit.clocks
     return Run(code, abs(code - circuit.pulses), rate, cpu, **kept)
 

@@ -3,7 +3,7 @@
 
 import dataclasses
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -73,14 +73,6 @@ def codes_of_force(plan: Plan, force: Floats) -> Floats:
     return plan.timing.gate_clocks * duty
 
 
-def identified(plan: Plan, forces_n: Floats, kind: str) -> Calibration:
-    """Return the calibration that `dermis calibrate` makes of a simulated session of the plan's sheet."""
-    with tempfile.TemporaryDirectory() as directory:
-        made, _ = calibrate.session(session.write(Path(directory), Skin(plan), forces_n, kind))
-        made.save(Path(directory) / "sheet.toml")
-        return calibration.load(Path(directory) / "sheet.toml")
-
-
 def covered(found: Forces, force: Floats) -> Bools:
     """Return True where a force lies in its interval."""
     return (found.low_n <= force * SLACK) & (force <= found.high_n * SLACK)
@@ -101,7 +93,13 @@ def worn() -> verdict.Row:
     plan = planning.load(scenes.find("worn_fsr_sheet"), "closed")
     codes = closed.run(plan).codes
     true = codes_of_force(plan, plan.force_n)
-    known = identified(plan, np.geomspace(0.5, 20.0, 40), "table")
+    with tempfile.TemporaryDirectory() as held:
+        file = Path(held) / "sheet.toml"
+        identified, _ = calibrate.session(
+            session.write(Path(held), Skin(plan), np.geomspace(0.5, 20.0, 40), "table")
+        )
+        identified.save(file)
+        known = calibration.load(file)
     found = Decoder(known, plan.drive.t_frame_s).decode(codes)
     exact = Decoder(Calibration.of_plan(plan), plan.drive.t_frame_s).decode(codes)
     plain = plan.force_of_duty(codes / plan.timing.gate_clocks)
@@ -180,14 +178,11 @@ def random_touch(rng: np.random.Generator) -> dict[str, Any]:
     }  # fmt: skip
 
 
-Trial = tuple[Calibration, Plan, Any]
-"""A calibration, a scene of its sheet that it has not seen, and the engine that reads it."""
-
-
-def known_chips() -> Iterator[Trial]:
+def known_chips() -> Iterator[tuple[Calibration, Plan, Any]]:
     """Yield random sheets whose hysteresis and creep come from a cycle; every sixth has the chip's noise.
 
-    Chip and network are known. Touches are other than the cycle. Noise is that of engine event.
+    A sheet is its calibration, an unseen scene and the engine that reads it. Chip and network are
+    known. Touches are other than the cycle. Noise is that of engine event.
     """
     for seed in range(30):
         rng = np.random.default_rng([SEED, 1, seed])
@@ -206,10 +201,10 @@ def known_chips() -> Iterator[Trial]:
         yield known, made(touch, "event", effects=effects), event
 
 
-def coverage(trials: Iterable[Trial]) -> tuple[float, float, str]:
-    """Return the share of forces in their interval, the median width in LSB of pressed taxels, and a note."""
+def coverage_row() -> verdict.Row:
+    """Judge the share of forces in their interval, and its median width in LSB where pressed, on known chips."""
     inside, widths = [], []
-    for known, plan, engine in trials:
+    for known, plan, engine in known_chips():
         codes = engine.run(plan).codes
         found = Decoder(known, plan.drive.t_frame_s).decode(codes)
         pressed = (codes > 0) & (codes < plan.timing.code_max)
@@ -217,13 +212,7 @@ def coverage(trials: Iterable[Trial]) -> tuple[float, float, str]:
         widths.append((found.high_n - found.low_n)[pressed] / (FULL_N / 255))
     width, share = float(np.median(np.concatenate(widths))), np.concatenate(inside)
     note = f"{len(inside)} scenes, {share.size} readings; median width {width:.3g} LSB where pressed"
-    return float(share.mean()), width, note
-
-
-def coverage_row() -> verdict.Row:
-    """Judge intervals on sheets of a known chip."""
-    share, width, note = coverage(known_chips())
-    row = verdict.judge("decode.interval_coverage", share, note)
+    row = verdict.judge("decode.interval_coverage", share.mean(), note)
     return row | ({} if width <= 2 else {"status": "FAIL"})
 
 
