@@ -106,7 +106,7 @@ def fixed_cost(repeats: int = 101) -> verdict.Row:
     return verdict.judge("auto.fixed_ms", float(np.median(found)), note)
 
 
-_OPEN_ROWS = (5, 10)
+_OPEN_ROWS = [5, 10]
 
 
 def two_open_rows(cols: int, seed: int) -> Plan:
@@ -119,10 +119,8 @@ def two_open_rows(cols: int, seed: int) -> Plan:
     ohm = 520 * 60 ** rng.random((1, 16, cols))
     while True:
         made = planning.make(scenes.of_resistances(ohm, on, name="cosim_speedup"), "cosim")
-        open_ = masking.decide(made).open
-        again = open_.copy()
-        for row in _OPEN_ROWS:
-            again[0, row] = not open_[0, row].any()
+        again = masking.decide(made).open.copy()
+        again[0, _OPEN_ROWS] = ~again[0, _OPEN_ROWS].any(axis=1, keepdims=True)
         if not again.any():
             return made
         ohm = np.where(again, 520 * 60 ** rng.random(ohm.shape), ohm)

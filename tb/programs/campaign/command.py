@@ -114,13 +114,13 @@ def run(name: str, seed: int, scenes: int, store: Checkpoint, processes: int) ->
 
 def store_cases(engines: str, seed: int, total: Tally, where: Path) -> list[Path]:
     """Store the first examples of each broken law as cases, as they were drawn."""
-    by_law: dict[str, list[Path]] = {}
+    paths, by_law = [], Counter[str]()
     for number, law, line in sorted(total.broken):
-        paths = by_law.setdefault(law, [])
-        if len(paths) < _EXAMPLES:
+        by_law[law] += 1
+        if by_law[law] <= _EXAMPLES:
             paths.append(where / f"{law}_{engines.replace(',', '_')}_{seed}_{number}.toml")
             write_atomic(paths[-1], replace(scene_of(engines, seed, number), why=f"{law}: {line}").to_toml())
-    return [path for paths in by_law.values() for path in paths]
+    return paths
 
 
 def rows(engines: str, seed: int, scenes: int, total: Tally) -> Iterator[verdict.Row]:

@@ -5,7 +5,6 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
-from typing import NoReturn
 
 import click
 
@@ -47,14 +46,12 @@ def extract_command(check: bool) -> int:
     return 0
 
 
-def chosen(names: Iterable[str], only: Sequence[str]) -> list[str]:
-    """Return the names that hold one of the words, or all of them."""
-    return [name for name in names if not only or any(word in name for word in only)]
-
-
-def refuse(only: Sequence[str], allowed: str) -> NoReturn:
-    """Raise the InputError of words that no name holds."""
-    raise InputError("command line", "--only", " ".join(only), f"part of one of {allowed}")
+def chosen(names: Iterable[str], only: Sequence[str], allowed: str = "") -> list[str]:
+    """Return the names that hold one of the words, or all of them; InputError for none where `allowed` are named."""
+    found = [name for name in names if not only or any(word in name for word in only)]
+    if allowed and not found:
+        raise InputError("command line", "--only", " ".join(only), f"part of one of {allowed}")
+    return found
 
 
 def stale_row() -> Row:
@@ -143,12 +140,12 @@ def rule_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
 def equivalence_command(only: tuple[str, ...], seeded: bool, jobs: int, fresh: bool) -> int:
     """Channels in transistors against the models extracted from them; rows in build/equivalence.json."""
     if seeded:
-        if not chosen((*faults.FAULTS, *(fault.name for fault in faults.by_rule())), only):
-            refuse(only, f"{', '.join(faults.FAULTS)}, or of SUBCIRCUIT.ELEMENT.KIND")
+        known = (*faults.FAULTS, *(fault.name for fault in faults.by_rule()))
+        chosen(known, only, f"{', '.join(faults.FAULTS)}, or of SUBCIRCUIT.ELEMENT.KIND")
         rows = fault_rows(only, jobs, fresh) + rule_rows(only, jobs, fresh)
     else:
         every = {case.name: case for case in gate.everything()}
-        cases = [every[name] for name in chosen(every, only)] or refuse(only, ", ".join(every))
+        cases = [every[name] for name in chosen(every, only, ", ".join(every))]
         found = columns.records([case.column() for case in cases], jobs, "equivalence", fresh)
         rows = [stale_row(), *(gate_row(*pair) for pair in zip(cases, found, strict=True))]
         rows += [] if only else [length_row(jobs, fresh)]
