@@ -18,7 +18,7 @@ from dermis.engines import event, filter
 from dermis.errors import InputError
 from dermis.scene import scene
 from dermis.skin import Skin
-from tb.programs.campaign import search
+from tb.programs.campaign import command, search
 
 
 def made(data: dict[str, Any], engine: str) -> Any:
@@ -51,12 +51,12 @@ def test_search_notices_a_bound_that_is_missing(kind: str, monkeypatch: pytest.M
     for name in ("motion", "comparator_hysteresis", "integrator_gain", "comparator_noise"):
         free = replace(EFFECTS[name].bound, factor=0.0)
         monkeypatch.setitem(EFFECTS, name, replace(EFFECTS[name], bound=free))
-    assert search.run_scenes(kind, 0, 3, 12)["wrong"] > 0
+    assert command.run_scenes(kind, 0, 3, 12)["counts"]["wrong"] > 0
 
 
 @pytest.mark.parametrize("kind", search.SKIN_KINDS)
 def test_skin_and_intervals_over_every_effect(kind: str) -> None:
-    counts = search.run_scenes(kind, 1, 0, 12)
+    counts = command.run_scenes(kind, 1, 0, 12)["counts"]
     assert counts["wrong"] == 0
     # The limit of decode.interval_coverage.
     assert counts["missed"] <= 1e-3 * counts["cells"]

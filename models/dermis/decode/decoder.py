@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from dermis import machine_code
 from dermis.array.array import Network
+from dermis.converter.vfc import code_type
 from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
 from dermis.decode.law import force_of
@@ -534,7 +535,7 @@ class Decoder(Threaded):
         if codes.size and not (0 <= codes.min() and codes.max() <= cal.code_max):
             raise ValueError(f"codes must be 0..{cal.code_max}")
         frames = cal.rising(codes).reshape(-1, cal.rows, cal.cols)
-        frames = np.ascontiguousarray(frames, np.uint16)  # the loops are compiled for each type
+        frames = np.ascontiguousarray(frames, code_type(cal.code_max))  # the loops are compiled for each type
         dt_s = times(self.t_frame_s if t_frame_s is None else t_frame_s, len(frames))
         out = Forces.empty(codes.shape) if out is None else out
         results = tuple(array.reshape(frames.shape) for array in out.writable(codes.shape))
