@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from test_demo import complaints
 
+from dermis.files import locked
 from dermis.places import BUILD, ROOT
 from dermis.processes import children
 from scripts import website
@@ -91,8 +92,13 @@ def test_a_report_page_is_accessible(driver: Any, tmp_path: Path, scene: list[st
 
 
 @pytest.fixture(scope="module")
-def site() -> Path:
-    website.build()
+def site(testrun_uid: str) -> Path:
+    """Build it once for all workers of a run."""
+    with locked(BUILD / "site_tests.lock"):
+        built = BUILD / "site_tests.run"
+        if not built.exists() or built.read_text() != testrun_uid:
+            website.build()
+            built.write_text(testrun_uid)
     return BUILD / "site"
 
 
