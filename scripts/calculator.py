@@ -8,9 +8,10 @@ Arithmetic is exact, on the decimals as written: the paper's targets give k = 80
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -92,23 +93,33 @@ def make_targets(**targets: Any) -> Targets:
 
 @dataclass(frozen=True)
 class Answer:
-    """The design that follows from the targets, with its verdict; its exact quantities are attributes too.
+    """The design that follows from the targets, exact, with its verdict.
 
     `rows` has one verdict row per limit; `nearest` gives, for each missed limit, targets that meet it.
     """
 
     targets: Targets
     base: Design
-    quantities: Mapping[str, Any]
-    """Quantities in the order in which they are printed, with units in the names; settle_clocks is
-    negative when the gate does not fit."""
+    topology: str
+    array_rows: int
+    array_cols: int
+    bits: int
+    frame_s: Fraction
+    f_clk_hz: Fraction
+    slot_clocks: int
+    gate_clocks: int
+    r_min_ohm: Fraction
+    r_max_ohm: Fraction
+    k_force_n_ohm: Fraction
+    v_bias_v: Fraction
+    k: Fraction
+    i0_a: Fraction
+    c_int_f: Fraction
+    tau_leak_s: Fraction
+    settle_clocks: int
+    """Clocks of a slot before the gate; negative when the gate does not fit."""
     rows: tuple[verdict.Row, ...] = ()
     nearest: Mapping[str, Changes] = field(default_factory=dict)
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name not in self.quantities:
-            raise AttributeError(name)
-        return self.quantities[name]
 
     @property
     def feasible(self) -> bool:
@@ -119,6 +130,11 @@ class Answer:
     def code_max(self) -> int:
         """Highest code."""
         return 2**self.bits - 1
+
+    @property
+    def packet_v(self) -> Fraction:
+        """Packet on the integration capacitor; both are k times larger with the direct interface."""
+        return self.i0_a / self.f_clk_hz / self.c_int_f
 
     @property
     def r_unit_ohm(self) -> Fraction:
@@ -135,8 +151,36 @@ class Answer:
 
     def values(self) -> dict[str, float | int | str]:
         """Return the answer as a flat dict with units in the keys."""
-        values = {name: float(v) if isinstance(v, Fraction) else v for name, v in self.quantities.items()}
-        return values | {"k": int(self.k) if self.k.denominator == 1 else float(self.k)}
+        values: dict[str, Any] = {
+            "topology": self.topology,
+            "rows": self.array_rows,
+            "cols": self.array_cols,
+            "bits": self.bits,
+            "frame_s": self.frame_s,
+            "frame_rate_hz": 1 / self.frame_s,
+            "slot_s": self.slot_clocks / self.f_clk_hz,
+            "f_clk_hz": self.f_clk_hz,
+            "slot_clocks": self.slot_clocks,
+            "gate_clocks": self.gate_clocks,
+            "settle_clocks": self.settle_clocks,
+            "gate_s": self.gate_clocks / self.f_clk_hz,
+            "settle_s": self.settle_clocks / self.f_clk_hz,
+            "f_max_hz": self.f_clk_hz / 2,
+            "r_min_ohm": self.r_min_ohm,
+            "r_max_ohm": self.r_max_ohm,
+            "force_max_n": self.k_force_n_ohm / self.r_min_ohm,
+            "force_min_n": self.k_force_n_ohm / self.r_max_ohm,
+            "k_force_n_ohm": self.k_force_n_ohm,
+            "v_bias_v": self.v_bias_v,
+            "i_sensor_a": self.v_bias_v / self.r_min_ohm,
+            "k": int(self.k) if self.k.denominator == 1 else self.k,
+            "i0_a": self.i0_a,
+            "c_int_f": self.c_int_f,
+            "packet_c": self.i0_a / self.f_clk_hz,
+            "packet_v": self.packet_v,
+            "tau_leak_s": self.tau_leak_s,
+        }
+        return {name: float(v) if isinstance(v, Fraction) else v for name, v in values.items()}
 
     def design(self) -> Design:
         """Return models/design.toml with this answer in it, checked by the loader; InputError if a limit is missed."""
@@ -144,17 +188,20 @@ class Answer:
         if missed:
             raise InputError(FILE, "targets", "impossible", f"targets that meet {'; '.join(missed)}")
         own, base = self.values(), self.base
-        # The packet and the slot follow from these.
-        keys = [key.split(".") for key in base.stored()]
-        new: dict[str, Any] = {table: {} for table, _ in keys}
-        for table, name in keys:
-            new[table] |= {name: own[name]} if name in own else {}
+        tables = {
+            "array": ("rows", "cols"),
+            "sensor": ("force_max_n", "r_min_ohm", "r_max_ohm"),
+            "interface": ("topology", "v_bias_v"),
+            "converter": ("i0_a", "c_int_f", "f_clk_hz"),
+            "timing": ("frame_s", "gate_clocks"),
+        }
+        new = {table: {name: own[name] for name in names} for table, names in tables.items()}
         new["timing"]["code_bits"] = self.bits
         # A k within k_distance of an option is that option.
         new["interface"]["k"] = round(self.k)
         # An edge is 1/200 of the clock, or that of the base where it is shorter.
         new["converter"]["t_edge_s"] = min(base.converter.t_edge_s, float(1 / self.f_clk_hz / 200))
-        new["integrator"]["gain_dc"] = float(self.targets.gain_dc or base.integrator.gain_dc)
+        new["integrator"] = {"gain_dc": float(self.targets.gain_dc or base.integrator.gain_dc)}
         return base.replace(**new)
 
     def range_table(self, points: int = 12) -> list[tuple[float, ...]]:
@@ -195,7 +242,7 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
     take = targets.take
 
     topology = targets.topology or base.interface.topology
-    array_rows = int(take("rows", base.array.rows))
+    array_rows, array_cols = int(take("rows", base.array.rows)), int(take("cols", base.array.cols))
     bits = int(take("bits", base.timing.code_bits))
     code_max = 2**bits - 1
     r_min, r_max, k_force = _sensor(targets, base)
@@ -234,39 +281,14 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
         "direct": r_min / array_rows,
         "multi_output_conveyor": exact(base.conveyor.r_z_ohm),
     }.get(topology, exact(base.mirror.r_out_ohm))
-    tau = gain_dc * source_ohm * c_int * (k if topology == "direct" else 1)
+    scale = k if topology == "direct" else 1
+    tau = gain_dc * source_ohm * c_int * scale
 
-    quantities = {
-        "topology": topology,
-        "rows": array_rows,
-        "cols": int(take("cols", base.array.cols)),
-        "bits": bits,
-        "frame_s": frame_s,
-        "frame_rate_hz": 1 / frame_s,
-        "slot_s": slot_clocks / f_clk,
-        "f_clk_hz": f_clk,
-        "slot_clocks": slot_clocks,
-        "gate_clocks": gate,
-        "settle_clocks": slot_clocks - gate,
-        "gate_s": gate / f_clk,
-        "settle_s": (slot_clocks - gate) / f_clk,
-        "f_max_hz": f_clk / 2,
-        "r_min_ohm": r_min,
-        "r_max_ohm": r_max,
-        "force_max_n": k_force / r_min,
-        "force_min_n": k_force / r_max,
-        "k_force_n_ohm": k_force,
-        "v_bias_v": v_bias,
-        "i_sensor_a": v_bias / r_min,
-        "k": k,
-        "i0_a": i0,
-        "c_int_f": c_int,
-        "packet_c": i0 / f_clk,
-        "packet_v": i0 / f_clk / c_int,  # both are k times larger with the direct interface
-        "tau_leak_s": tau,
-    }
-    answer = Answer(targets, base, quantities)
-    return _judged(answer, slot_s, settle)
+    answer = Answer(
+        targets, base, topology, array_rows, array_cols, bits, frame_s, f_clk, slot_clocks, gate,
+        r_min, r_max, k_force, v_bias, k, i0, c_int, tau, slot_clocks - gate,
+    )  # fmt: skip
+    return _judged(answer, slot_s, settle, needed, source_ohm, scale)
 
 
 def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fraction]:
@@ -321,11 +343,19 @@ def _slot_clocks(gate: int, settle: Fraction, base: Design) -> int:
     return max(math.ceil(gate / (1 - settle)), gate + base.timing.break_clocks + 2)
 
 
-def _judged(answer: Answer, slot_s: Fraction, settle: Fraction) -> Answer:
-    """Add the verdict rows, and for each missed limit the nearest targets that meet it."""
+def _judged(
+    answer: Answer,
+    slot_s: Fraction,
+    settle: Fraction,
+    needed: int,
+    source_ohm: Fraction,
+    scale: Fraction | int,
+) -> Answer:
+    """Add the verdict rows, and for each missed limit the nearest targets that meet it.
+
+    `scale` multiplies c_int_f and i0 T: k for the direct interface, else 1.
+    """
     targets, base = answer.targets, answer.base
-    needed = _slot_clocks(answer.gate_clocks, settle, base)
-    scale = answer.k if answer.topology == "direct" else 1  # of c_int_f and i0 T
     rows: list[verdict.Row] = []
     nearest: dict[str, Changes] = {}
 
@@ -388,18 +418,18 @@ def _judged(answer: Answer, slot_s: Fraction, settle: Fraction) -> Answer:
         held = [b for b, needs in clocks.items() if needs <= answer.slot_clocks]
         note += f"; f_clk_hz = {_at_least(needed / slot_s):g} would do"
         note += f", or {held[-1]} bits" if held else ""
-    row("gate_margin_clocks", left, note, {"frame_s": _at_least(answer.quantities["rows"] * needed / f_clk)})
+    row("gate_margin_clocks", left, note, {"frame_s": _at_least(answer.array_rows * needed / f_clk)})
     settle_min = limit("settle_s")
     if targets.f_clk_hz is not None:
         # Whole clocks, so that rounding a slot down cannot remove the last one.
         clocks = max(answer.gate_clocks + math.ceil(settle_min * f_clk), needed)
-        longer: Changes = {"frame_s": _at_least(answer.quantities["rows"] * clocks / f_clk)}
+        longer: Changes = {"frame_s": _at_least(answer.array_rows * clocks / f_clk)}
     elif settle >= Fraction(1, 20):
         longer = {"frame_s": _at_least(answer.frame_s * settle_min / (slot_s * settle))}
     elif settle_min <= slot_s / 2:
         longer = {"settle_fraction": _at_least(settle_min / slot_s)}
     else:
-        longer = {"settle_fraction": 0.5, "frame_s": _at_least(2 * settle_min * answer.quantities["rows"])}
+        longer = {"settle_fraction": 0.5, "frame_s": _at_least(2 * settle_min * answer.array_rows)}
     row("settle_s", answer.settle_clocks / f_clk, f"{answer.settle_clocks} clocks", longer)
 
     delay = exact(base.comparator.t_delay_s)
@@ -408,7 +438,7 @@ def _judged(answer: Answer, slot_s: Fraction, settle: Fraction) -> Answer:
         slowest = limit("comparator_delay_clocks") / delay
         slower: Changes | None = {"f_clk_hz": _at_most(slowest)}
         if targets.f_clk_hz is None:
-            slower = {"frame_s": _at_least(answer.quantities["rows"] * answer.slot_clocks / slowest)}
+            slower = {"frame_s": _at_least(answer.array_rows * answer.slot_clocks / slowest)}
         note += f", so f_clk up to {float(slowest):g} Hz"
     row("comparator_delay_clocks", delay * f_clk, note, slower)
 
@@ -427,8 +457,7 @@ def _judged(answer: Answer, slot_s: Fraction, settle: Fraction) -> Answer:
     plateau = answer.gate_clocks * math.tanh(1 / float(f_clk) / (2 * tau))
     part = float(limit("leak_plateau_lsb")) / answer.gate_clocks
     tau_min = 1 / float(f_clk) / (2 * math.atanh(part)) if part < 1 else 0.0
-    tau_a_gain = float(answer.tau_leak_s / targets.take("gain_dc", base.integrator.gain_dc))
-    more_gain = {"gain_dc": _at_least(tau_min / tau_a_gain)} if tau_min else None
+    more_gain = {"gain_dc": _at_least(tau_min / float(source_ohm * c_int))} if tau_min else None
     row("leak_plateau_lsb", plateau, f"R_leak C = {tau:.4g} s, at least {tau_min:.4g} s", more_gain)
 
     kt = K_BOLTZMANN_J_PER_K * base.ambient.temperature_k
@@ -440,7 +469,17 @@ def _judged(answer: Answer, slot_s: Fraction, settle: Fraction) -> Answer:
         quiet["k"] = round(k)
     row("kt_c_lsb", noise, f"{noise * packet:.3g} C on a packet of {packet:.3g} C", quiet)
 
-    return replace(answer, rows=tuple(rows), nearest=nearest)
+    return dataclasses.replace(answer, rows=tuple(rows), nearest=nearest)
+
+
+def print_answer(answer: Answer) -> None:
+    """Print the sizing, the verdict on it and the table over the range."""
+    sizing = [(n, v if isinstance(v, str) else f"{v:.6g}") for n, v in answer.values().items()]
+    verdict.print_table("Design", ("value", ""), sizing, ("",))
+    heads = [head.replace("[", r"\[") for head in RANGE_COLUMNS]
+    cells = [[f"{cell:.6g}" for cell in row] for row in answer.range_table()]
+    verdict.print_table("Over the range", heads, cells, heads)
+    verdict.print_rows(answer.rows, "Feasibility")
 
 
 SIZED = ("interface.k", "converter.i0_a", "converter.c_int_f")
@@ -487,12 +526,7 @@ def calc_command(write: bool, **values: Any) -> None:
                 'source and integrator, or keep run.views = "behavioural" (docs/sky130.md)'
             )
         return
-    sizing = [(n, v if isinstance(v, str) else f"{v:.6g}") for n, v in answer.values().items()]
-    verdict.print_table("Design", ("value", ""), sizing, ("",))
-    heads = [head.replace("[", r"\[") for head in RANGE_COLUMNS]
-    cells = [[f"{cell:.6g}" for cell in row] for row in answer.range_table()]
-    verdict.print_table("Over the range", heads, cells, heads)
-    verdict.print_rows(answer.rows, "Feasibility")
+    print_answer(answer)
     if not answer.feasible:
         raise click.exceptions.Exit(1)
 

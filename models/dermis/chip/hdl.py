@@ -175,10 +175,10 @@ def _runner(
     config.libs_dir, config.share_dir = config.libs_dir.resolve(), config.share_dir.resolve()
 
     def execute(commands: Sequence[Sequence[str]], cwd: str | Path) -> None:
-        runner.env["PYTHONPATH"] = os.pathsep.join([str(SIMULATOR_PATH), runner.env.get("PYTHONPATH", "")])
+        environment = {**runner.env, "PYTHONPATH": os.pathsep.join([str(SIMULATOR_PATH), *sys.path])}
         for command in commands:
             name = Path(command[0]).name
-            (run or children.run_logged)(command, Path(cwd), log, limit_s, name, runner.env)
+            (run or children.run_logged)(command, Path(cwd), log, limit_s, name, environment)
 
     runner._execute = execute
     return runner

@@ -181,7 +181,11 @@ def noise_rows(
 
 
 class Rows(NamedTuple):
-    """Arguments of converter.walk_loops.walk for n cells."""
+    """Arguments of converter.walk_loops.walk for n cells.
+
+    one_step : no cell has a window or a range: without noise no clock is looked at again
+    at_edge : every sample is taken at the clock edge
+    """
 
     slow: Floats
     fast: Floats | None
@@ -191,6 +195,8 @@ class Rows(NamedTuple):
     fall: Floats
     limits: Floats
     lag: Floats
+    one_step: bool
+    at_edge: bool
 
 
 def rows_of(cells: Cells, charge_delay: float) -> Rows:
@@ -213,8 +219,9 @@ def rows_of(cells: Cells, charge_delay: float) -> Rows:
     latch, early = np.empty((2, count)), np.empty((6, count))
     taken = (flat[name] for name in ("w0", "packet", "leak", "across", "delay", "lag"))
     walk_loops.modes(*taken, charge_delay, slow, fast, latch, early)
-    limits = np.stack([flat["low"], flat["high"]])
-    return Rows(slow, fast if lags else None, latch, early, flat["rise"], flat["fall"], limits, lag)
+    rise, fall, limits = flat["rise"], flat["fall"], np.stack([flat["low"], flat["high"]])
+    one_step, at_edge = bool((rise == fall).all() and np.isinf(limits).all()), not flat["delay"].any()
+    return Rows(slow, fast if lags else None, latch, early, rise, fall, limits, lag, one_step, at_edge)
 
 
 def count_cells(
@@ -258,13 +265,8 @@ def walk_cells(
     """Count cells begin..stop-1 of `rows`; x and the rest as for converter.walk_loops.walk."""
     of, keys = (None, None) if draws is None else draws
     step = None if of is None else walk_loops.grid_step(of[walk_loops.SIGMA], clocks)
-    # Without noise, a window and a range a clock is one step, and none is looked at again.
-    limits = rows.limits
-    if of is None and (rows.rise == rows.fall).all() and np.isinf(limits).all():
-        limits = None
-    early = rows.early
-    if limits is None and (early[walk_loops.POINT] == 1.0).all():
-        early = None
+    limits = None if of is None and rows.one_step else rows.limits
+    early = None if limits is None and rows.at_edge else rows.early
     walk_loops.walk(
         clocks, late, x, rows.slow, rows.fast, rows.latch, early, rows.rise, rows.fall, limits, rows.lag,
         of, None if keys is None else keys.ravel(), step, begin, stop, counts, end,

@@ -266,9 +266,9 @@ def _copy(cells, place, c, rows, i):  # type: ignore
 def _load(cells, c, i, late, slow, fast, latch, early, rise, fall, limits, lag):  # type: ignore
     """Begin with cell i at place c.
 
-    The charge may turn between two points by less than lag times a slope, and be farther out where a
-    packet begins inside a clock than at either edge: its range is met within that of both edges. Where it
-    goes one way through a clock, its end is bounded alike, and LEAST and MOST keep it there.
+    Inside a clock the charge may be farther out than at both edges: by less than lag times a slope where the
+    output lags, and by a packet that begins there. A charge so near its range at an edge is looked at closely
+    (NEAR_LOW, NEAR_HIGH). Where it goes one way through a clock, LEAST and MOST bound its end as its range does.
     """
     cells[Q1 + c] = cells[Q2 + c] = cells[Q3 + c] = cells[ONES + c] = 0.0
     _copy(cells, KEEP_A, c, slow, i)
@@ -303,15 +303,14 @@ def _load_noise(cells, c, i, late, fast, lag, noise, step):  # type: ignore
     cells[REST + c] = 8.0 * math.hypot(noise[WHITE, i], noise[SLOPE, i]) + noise[APERTURE, i]
     reach = 4.0 * noise[SIGMA, i] * math.sqrt(step) + cells[REST + c]
     cells[HIGHEST + c], cells[LOWEST + c] = cells[RISE + c] + reach, cells[FALL + c] - reach
-    # A clock takes the output farther than this, unless it follows late or a packet begins inside. Without a
-    # window the comparator has no state to keep.
+    # A clock takes the output farther than this, unless it follows late or a packet begins inside.
     cells[STAY + c] = 2.0 * (cells[HIGHEST + c] - cells[LOWEST + c]) / cells[AT + c]
     if late < 1.0:
         cells[STAY + c] = np.inf
     if fast is not None:
         if lag[i] > SWIFT:
             cells[STAY + c] = np.inf
-    if cells[FALL + c] == cells[RISE + c]:
+    if cells[FALL + c] == cells[RISE + c]:  # a comparator without a window keeps no state
         cells[STAY + c] = -1.0
 
 
@@ -341,8 +340,10 @@ def _stays(cells, c):  # type: ignore
 
 @_part
 def _marked(cells, c, sample, a, b, fast, noise):  # type: ignore
-    """Whether noise, the window of the comparator or the range may change a clock that ends with a and b, and the
-    sample and the output, with the noise that is known already.
+    """Return whether a clock must be decided again, its sample, and the output at its end.
+
+    It must where noise, the window of the comparator or the range may change the decision. `a` and `b` are the
+    parts of the output at the end of the clock; sample and output are returned with the noise on the grid.
     """
     w = _charge(cells, c, a, b, fast)
     mark = (w < cells[NEAR_LOW + c]) | (w > cells[NEAR_HIGH + c])
