@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 
 from dermis.chip import spice_batch
@@ -55,6 +56,11 @@ class Measured:
     exceeded: Mapping[str, Sequence[float]] = field(default_factory=dict)  # as of spice_batch.Measured
 
 
+@lru_cache(256)
+def _text(path: Path, _: int) -> str:
+    return path.read_text(encoding="utf-8")
+
+
 def _lines(text: str, folder: Path) -> Iterator[str]:
     """Yield the lines of a deck without comments, includes resolved except the models of a corner."""
     for line in text.splitlines():
@@ -63,7 +69,7 @@ def _lines(text: str, folder: Path) -> Iterator[str]:
             if path.parent == MODELS:
                 yield line
             else:
-                yield from _lines(path.read_text(encoding="utf-8"), path.parent)
+                yield from _lines(_text(path, path.stat().st_mtime_ns), path.parent)
         elif (words := line.split()) and not words[0].startswith("*"):
             yield " ".join(words)
 

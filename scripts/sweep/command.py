@@ -253,11 +253,15 @@ def sweep_command(
     name = "sweep" if view == "behavioural" else f"sweep_{view}"
     out = output.prepare(BUILD / name if directory is None else directory)
     chosen = tuple(dict.fromkeys(topology)) or TOPOLOGIES
-    if view == "sky130" and not physical:
-        allowed = "only with --view behavioural, whose blocks are ideal or have physical defaults"
-        raise InputError("command line", "--no-physical", f"--view {view}", allowed)
-    points = points or (256 if view == "behavioural" else curves.POINTS_TRANSISTORS)
-    made, rows, failed = curves.run(chosen, points, out, view, with_physical=physical)
+    if view == "behavioural":
+        points = points or 256
+        made, rows, failed = curves.run(chosen, points, out, with_physical=physical)
+    else:
+        if not physical:
+            allowed = "only with --view behavioural, whose blocks are ideal or have physical defaults"
+            raise InputError("command line", "--no-physical", f"--view {view}", allowed)
+        points = points or curves.POINTS_TRANSISTORS
+        made, rows, failed = curves.run_transistors(chosen, points, out)
     for file in FILES:
         (out / file).unlink(missing_ok=True)  # no file of an earlier sweep stays
     if made:

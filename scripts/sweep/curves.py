@@ -353,75 +353,93 @@ def plain_ngspice(work: Path) -> list[verdict.Row]:
     ]
 
 
+def run(
+    topologies: Sequence[str], points: int, out: Path, *, with_physical: bool = True
+) -> tuple[list[Curve], list[verdict.Row], bool]:
+    """Sweep some interfaces; `out` is for scenes, logs and the decks of a failed run.
+
+    Returns the curves of the interfaces that were read, verdict rows, and whether a simulator failed.
+    """
+    design = load_design()
+    ohm = resistances(points, design)
+    some = min(points, max(PHYSICAL_POINTS_MIN, points // PHYSICAL_SHARE))
+    at = np.round(np.linspace(0, points - 1, some)).astype(np.int64)
+    ideal_ohm, alone = in_frames(ohm, ROWS, min(COLS, points)), in_frames(ohm[at], ROWS, 1)
+    plans: dict[str, tuple[Plan, int]] = {}
+    for topology in topologies:
+        title, scenes = f"{points} resistances through {topology}", out / "scenes"
+        plans[topology] = make_plan(scenes, topology, ideal_ohm, {}, title), points
+        if with_physical:
+            named = physical_effects(topology, design)
+            made = make_plan(scenes, topology, alone, named, f"{title}, physical")
+            plans[f"{topology}_physical"] = made, some
+    shutil.rmtree(out / "work", ignore_errors=True)
+
+    def one(name: str, on_slots: Callable[[int], None]) -> Reading:
+        return _read_once(*plans[name], on_slots, out / "work" / name)
+
+    tasks = {name: (made.frames * made.rows, partial(one, name)) for name, (made, _) in plans.items()}
+    readings = cosims.run("sweeping", tasks)
+    curves: list[Curve] = []
+    rows: list[verdict.Row] = []
+    for topology in topologies:
+        ideal, real = readings[topology], readings.get(f"{topology}_physical")
+        if isinstance(ideal, SimulatorError):
+            rows.append(verdict.error(f"sweep.rate_error_lsb.{topology}", str(ideal)))
+            continue
+        made = plans[f"{topology}_physical"][0] if isinstance(real, Reading) else None
+        curves.append(Curve(plans[topology][0], ohm, ideal, made and Physical(made, at, real)))
+        rows += judge(curves[-1])
+        if isinstance(real, SimulatorError):
+            rows.append(verdict.error(f"sweep.physical_shift_lsb.{topology}", str(real), "lsb"))
+    failed = any(isinstance(reading, SimulatorError) for reading in readings.values())
+    return curves, [*rows, judge_laws(curves), *plain_ngspice(out / "plain_ngspice")], failed
+
+
+def _read_once(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -> Reading:
+    reading = read(made, points, on_slots, work)
+    shutil.rmtree(work)  # a successful run can be repeated from its scene
+    return reading
+
+
 POINTS_TRANSISTORS = 8
 """A packet costs about 20 ms, so a point at 500 ohm takes as long as all others together."""
 
 
-def run(
-    topologies: Sequence[str],
-    points: int,
-    out: Path,
-    view: str = "behavioural",
-    *,
-    with_physical: bool = True,
+def run_transistors(
+    topologies: Sequence[str], points: int, out: Path
 ) -> tuple[list[Curve], list[verdict.Row], bool]:
-    """Sweep some interfaces; `out` is for scenes, logs and the decks of a failed run.
+    """Sweep some interfaces in transistors (tt, 27 C); as `run`.
 
-    In transistors (view "sky130", tt, 27 C) each resistance is a single taxel: one row, one column and one frame,
-    which starts settled. Finished interfaces are kept; an interrupted run continues with the others.
-    Returns the curves of the interfaces that were read, verdict rows, and whether a simulator failed.
+    Each resistance is a single taxel: one row, one column and one frame, which starts settled.
+    Finished interfaces are kept; an interrupted run continues with the others.
     """
-    design, transistors, scenes = load_design(), view == "sky130", out / "scenes"
-    ohm = resistances(points, design)
-    some = min(points, max(PHYSICAL_POINTS_MIN, points // PHYSICAL_SHARE))
-    at = np.round(np.linspace(0, points - 1, some)).astype(np.int64)
-    ideal_ohm = in_frames(ohm, *((1, 1) if transistors else (ROWS, min(COLS, points))))
-    plans: dict[str, tuple[Plan, int]] = {}
-    for topology in topologies:
-        title = f"{points} resistances {'in transistors' if transistors else f'through {topology}'}"
-        plans[topology] = make_plan(scenes, topology, ideal_ohm, {}, title, view), points
-        if with_physical and not transistors:
-            named, alone = physical_effects(topology, design), in_frames(ohm[at], ROWS, 1)
-            made = make_plan(scenes, topology, alone, named, f"{title}, physical")
-            plans[f"{topology}_physical"] = made, some
-    if not transistors:
-        shutil.rmtree(out / "work", ignore_errors=True)
+    ohm = resistances(points, load_design())
+    laid, title = in_frames(ohm, 1, 1), f"{points} resistances in transistors"
+    plans = {t: make_plan(out / "scenes", t, laid, {}, title, "sky130") for t in topologies}
     kept = Checkpoint(out / "kept.json", batch.fingerprint())
 
-    def one(name: str, on_slots: Callable[[int], None]) -> Reading:
-        (made, many), work = plans[name], out / "work" / name
-        piece = ""
-        if transistors:
-            # The circuits, ngspice and its models, which the hash of the package leaves out.
-            levels = [1.0] + [0.0] * (made.rows - 1) + [1.0] + [0.0] * made.cols
-            decks = ("\n".join(netlist.frame_deck(made, f, levels).lines) for f in range(made.frames))
-            piece = f"{name} {judged.digest((), *(runs.key(runs.resolved(deck)) for deck in decks))[:24]}"
-        if piece in kept.pieces:
-            return Reading(**{what: np.array(values) for what, values in kept.pieces[piece].items()})
-        reading = read(made, many, on_slots, work)
-        shutil.rmtree(work)  # a successful run can be repeated from its scene
-        if transistors:
-            kept.put(piece, {what: values.tolist() for what, values in vars(reading).items()})
-        return reading
+    def one(topology: str, on_slots: Callable[[int], None]) -> Reading:
+        made = plans[topology]
+        # The circuits, ngspice and its models, which the hash of the package leaves out.
+        levels = [1.0] + [0.0] * (made.rows - 1) + [1.0] + [0.0] * made.cols
+        decks = ("\n".join(netlist.frame_deck(made, f, levels).lines) for f in range(made.frames))
+        name = f"{topology} {judged.digest((), *(runs.key(runs.resolved(deck)) for deck in decks))[:24]}"
+        if name not in kept.pieces:
+            reading = _read_once(made, points, on_slots, out / "work" / topology)
+            kept.put(name, {what: values.tolist() for what, values in vars(reading).items()})
+        return Reading(**{what: np.array(values) for what, values in kept.pieces[name].items()})
 
-    tasks = {name: (made.frames * made.rows, partial(one, name)) for name, (made, _) in plans.items()}
-    readings = cosims.run("sweeping", tasks, at_once=1 if transistors else None)
+    tasks = {topology: (made.frames * made.rows, partial(one, topology)) for topology, made in plans.items()}
     curves: list[Curve] = []
     rows: list[verdict.Row] = []
-    first = "transistor_linearity_lsb" if transistors else "rate_error_lsb"
-    for topology in topologies:
-        ideal, real = readings[topology], readings.get(f"{topology}_physical")
-        if isinstance(ideal, SimulatorError):
-            rows.append(verdict.error(f"sweep.{first}.{topology}", str(ideal), "lsb"))
-            continue
-        made = plans[f"{topology}_physical"][0] if isinstance(real, Reading) else None
-        curves.append(Curve(plans[topology][0], ohm, ideal, made and Physical(made, at, real)))
-        rows += judge_line(curves[-1]) if transistors else judge(curves[-1])
-        if isinstance(real, SimulatorError):
-            rows.append(verdict.error(f"sweep.physical_shift_lsb.{topology}", str(real), "lsb"))
-    failed = any(isinstance(reading, SimulatorError) for reading in readings.values())
-    rows += [] if transistors else [judge_laws(curves), *plain_ngspice(out / "plain_ngspice")]
-    return curves, rows, failed
+    for topology, reading in cosims.run("sweeping", tasks, at_once=1).items():
+        if isinstance(reading, SimulatorError):
+            rows.append(verdict.error(f"sweep.transistor_linearity_lsb.{topology}", str(reading), "lsb"))
+        else:
+            curves.append(Curve(plans[topology], ohm, reading))
+            rows += judge_line(curves[-1])
+    return curves, rows, len(curves) < len(plans)
 
 
 def judge_line(curve: Curve) -> list[verdict.Row]:

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -173,13 +174,18 @@ def map_design(
     return netlist
 
 
+@cache
+def _tools() -> str:
+    """Return a hash of ABC, which has no version, and of the version of Yosys."""
+    return digest([Path(tool("berkeley-abc"))], output_of([tool("yosys"), "-V"], 20.0)[1])
+
+
 def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
     """Return a hash of everything that a netlist depends on."""
     headers = [h for d in rtl_include_dirs() for h in sorted(d.glob("*.vh"))]
-    # ABC has no version.
-    own = [Path(__file__), Path(synth_cells.__file__), templates.path("map.ys"), Path(tool("berkeley-abc"))]
+    own = [Path(__file__), Path(synth_cells.__file__), templates.path("map.ys")]
     files = [*for_cells(rtl_sources(), technology), *headers, *own, technology.typical]
-    return digest(files, technology, sorted(parameters.items()), output_of([tool("yosys"), "-V"], 20.0)[1])
+    return digest(files, technology, sorted(parameters.items()), _tools())
 
 
 def map_once(
