@@ -4,6 +4,7 @@ and what the room refuses.
 """
 
 import contextlib
+import re
 import shutil
 import sys
 import xml.etree.ElementTree as ET
@@ -69,7 +70,7 @@ def test_an_example_sees_a_fault(fault: str, tmp_path: Path, monkeypatch: pytest
 
 VERILOG = """`timescale 1ns / 1ps
 module own (input clk, input clk_b, input rst_n, input comp, input comp_b, output reg dac, output reg [3:0] code,
-            output reg other, output reg late, output reg caught, output reg fell);
+            output reg other, output reg late, output reg caught, output reg fell, output reg pulse);
   real level;
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin dac <= 0; code <= 0; level <= 0.0; end
@@ -79,6 +80,8 @@ module own (input clk, input clk_b, input rst_n, input comp, input comp_b, outpu
   always @(negedge clk) fell <= comp;
   always @(posedge comp_b) caught <= ~caught;
   always @(posedge clk) late <= #3 ~late;
+  initial pulse = 0;
+  always @(posedge clk) begin pulse <= #10 1; pulse <= #60 0; end
 endmodule
 """
 
@@ -178,6 +181,7 @@ TESTS = {
         (dict(settle_s=math.nan), "settle_s"),
         (dict(period_s=math.inf), "clock"),
         (dict(clock={"dut.clk": 1e-6, "dut.clk_b": 1.2345678e-7}), "unit of time"),
+        (dict(period_s=1 / 48e6), "unit of time"),
     ):
         try:
             sim = cosim({"dut.dac": Drive("vd_a")}, **{"step_s": None} | options)
@@ -204,7 +208,8 @@ TESTS = {
     for _ in range(3):
         sim = cosim({"dut.caught": Drive("vd_a"), "dut.level": Drive("nothing")})
         assert "vd_b" in await said(dut, sim)
-        for more, words in (("x1 x none", "none"), ("c9 alone 0 1p", "alone"), (".include none.inc", "none.inc")):
+        wrong = ("x1 x none", "none"), ("c9 alone 0 1p", "alone"), (".include none.inc", "none.inc")
+        for more, words in (*wrong, (".tran 1n 1u uic", "no analysis")):
             assert words in await said(dut, cosim(inputs, {}, more)), words
         assert "nowhere" in await said(dut, cosim(inputs, probes=["nowhere"]))
     sim = cosim(inputs, probes=["d_a"])
@@ -277,6 +282,37 @@ TESTS = {
     sim = cosim({"dut.late": Drive("vd_a"), "dut.other": Drive("vd_b")}, outputs, clock=clocks, settle_s=5e-9)
     assert "own.dac is not as the circuit set it" in await said(dut, sim)
 """,
+    "a_clock_that_the_verilog_drives_is_named": """
+    sim = cosim({"dut.code": Drive("vd_a"), "dut.other": Drive("vd_b")}, clock={"dut.clk": 1e-6, "dut.dac": 0.7e-6})
+    assert "something else drives it" in await said(dut, sim)
+""",
+    "a_pole_far_below_the_step_does_not_ring": """
+    diode = ".model dd d is=1e-15" + chr(10) + "d1 d_a z dd" + chr(10) + "r3 z 0 10k" + chr(10) + "c3 z 0 100p"
+    rc = RC.split(".options")[0].replace("r2 d_b y 10k", "r2 d_b y 1k")
+    inputs, outputs = {"dut.other": Drive("vd_a"), "dut.dac": Drive("vd_b")}, {"dut.comp": Compare("x", above=0.5)}
+    options = dict(clock={"dut.clk": 0.9e-6, "dut.clk_b": 1e-6}, reset="dut.rst_n", probes=["d_b", "y", "z"])
+    for step in (None, 2e-7):
+        sim = Cosim(rc + diode, inputs, outputs, step_s=step, log="own.log", **options)
+        assert await said(dut, sim, 200) == ""
+        # y has 1 ns, and settles between edges that are 100 ns apart; z is a peak detector
+        late = np.diff(sim.times, prepend=0) > 5e-8
+        assert abs(sim.samples["y"] - sim.samples["d_b"])[late].max() < 1e-3
+        assert sim.samples["z"].max() < 0.6 and sim.samples["z"].min() > -1e-3, "one diode below 1 V"
+""",
+    "two_edges_of_a_source_within_settle_s": """
+    inputs = {"dut.dac": Drive("vd_b")}
+    for step, abrupt in ((1e-6, True), (1e-8, False)):
+        sim = cosim(inputs | {"dut.pulse": Drive("vd_a", abrupt=abrupt)}, settle_s=7e-8, step_s=step)
+        found = await said(dut, sim)
+        assert found == "", found
+        t, x = sim.times[1:], sim.samples["x"][1:]
+        # from 10 ns to 60 ns after each event, with ramps of 1 ns, into 1 us: two ramps are a step 0.5 ns later
+        gained = math.exp(-(1e-6 - 60.5e-9) / 1e-6) - math.exp(-(1e-6 - 10.5e-9) / 1e-6)
+        exact = 0.0
+        for n in range(1, len(t)):
+            exact = exact * math.exp(-(t[n] - t[n - 1]) / 1e-6) + gained
+            assert abs(x[n] - exact) < 1e-4, (step, n, x[n], exact)  # of ngspice; 0.01 was lost
+""",
     "an_x_is_named": """
     assert "own.dac is x" in await said(dut, cosim({"dut.dac": Drive("vd_a"), "dut.late": Drive("vd_b")}, reset=None))
 """,
@@ -288,11 +324,12 @@ TESTS = {
 def test_own_verilog_and_spice(
     name: str, simulator: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if simulator == "verilator" and name in ("an_x_is_named", "a_delay_is_an_error_by_name_or_exact"):
+    delayed = "a_delay_is_an_error_by_name_or_exact", "two_edges_of_a_source_within_settle_s"
+    if simulator == "verilator" and name in ("an_x_is_named", *delayed):
         pytest.skip("Verilator has no X, and ignores delays as it is built here")
     monkeypatch.delitem(sys.modules, "own_test", raising=False)
-    delay = "" if simulator == "verilator" else "#3 "
-    (tmp_path / "own.v").write_text(VERILOG.replace("#3 ", delay))
+    verilog = re.sub(r"<= #\d+ ", "<= ", VERILOG) if simulator == "verilator" else VERILOG
+    (tmp_path / "own.v").write_text(verilog)
     (tmp_path / "test").mkdir()
     module = tmp_path / "test" / "own_test.py"
     module.write_text(f"{PYTHON}\n\n@cocotb.test()\nasync def {name}(dut):{TESTS[name]}")

@@ -13,9 +13,9 @@ async def codes_are_the_sampled_input(dut):
     sim = Cosim(
         "sar.sp",
         inputs={
-            "dut.top": Drive("vd_top", abrupt=True),
-            "dut.bottom": Drive("vd_bottom"),
-            "dut.guess": Drive([f"vd_b{bit}" for bit in range(8)], high=V_REF),
+            "dut.top": Drive("vd_top"),
+            "dut.bottom": Drive("vd_bottom", abrupt=False),
+            "dut.guess": Drive([f"vd_b{bit}" for bit in range(8)], high=V_REF, abrupt=False),
         },
         outputs={"dut.comp": Compare("top", above=0.0)},
         clock="dut.clk",

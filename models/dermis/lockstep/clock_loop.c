@@ -200,6 +200,8 @@ static bool known(const struct net *net)
     s_vpi_value value = {.format = vpiBinStrVal};
     if (!net->unknown)
         return true;
+    if (net->kind == REAL)
+        return wrong("%s is no finite number", net->name);
     vpi_get_value(net->handle, &value);
     return wrong("%s is %.200s, not 0 or 1: the Verilog lost its state", net->name, value.value.str);
 }
@@ -372,8 +374,9 @@ static bool approach(double to, bool *crossed)
                 const struct output *out = lp.output;
                 for (; out->first + out->width <= p; out++)
                     ;
-                return wrong("%s: bit %d passed %.9g V by %.3g V at %.9g s: use a smaller step_s", out->name,
-                             p - out->first, lp.above[p], past, at);
+                return wrong("%s: bit %d passed %.9g V by %.3g V at %.9g s: %s", out->name, p - out->first,
+                             lp.above[p], past, at,
+                             lp.clear[p] ? "use a smaller step_s" : "it began there, so it crosses or not: move the threshold");
             }
             if (rest <= LANDED_V + 1e-15 * fabs(lp.above[p]))
                 lp.high[p] ^= 1, lp.clear[p] = false, *crossed = true;
@@ -569,6 +572,12 @@ void loop_arm(void)
 static PLI_INT32 toggle(p_cb_data data)
 {
     struct clock *c = (struct clock *)data->user_data;
+    s_vpi_value now = {.format = vpiVectorVal};
+    vpi_get_value(c->handle, &now);
+    if (now.value.vector[0].bval || (PLI_UINT32)now.value.vector[0].aval != c->level) {
+        c->callback = NULL;
+        return wrong("a clock is not as it was set half a period ago: something else drives it");
+    }
     c->callback = after(c->half, toggle, c);
     c->level ^= 1;
     put(c->handle, &c->level, 1); /* last: in Icarus what waits for the edge runs at once, and may stop the clock */

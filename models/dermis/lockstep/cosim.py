@@ -35,14 +35,16 @@ class Drive:
         on a vector (unsigned) or on a real net
     low, high : its level in volt for 0 and for 1; other numbers are on the straight line through both
     edge_s : duration of its ramp, in seconds
-    abrupt : it switches a conductance, so that ngspice begins anew at each corner of the ramp
+    abrupt : ngspice begins anew at each corner of the ramp. False is exact where every current is linear in time
+        between two corners, and as exact as ngspice where every time constant is far above `step_s`; a shorter one
+        would ring. A source that switches a conductance needs True.
     """
 
     source: str | Sequence[str]
     low: float = 0.0
     high: float = 1.0
     edge_s: float = 1e-9
-    abrupt: bool = False
+    abrupt: bool = True
 
 
 @dataclass(frozen=True)
@@ -132,8 +134,10 @@ class Cosim:
         self._inputs = dict(inputs)
         self._outputs = {net: (c,) if isinstance(c, Compare) else tuple(c) for net, c in outputs.items()}
         for net, drive in inputs.items():
-            if not 0.0 < drive.edge_s < (0.5 * shortest if both_edges else shortest):
-                raise self._wrong(f"{net}: edge_s", drive.edge_s, "above 0 and below the time between edges")
+            between = 0.5 * shortest if both_edges else shortest
+            if not 0.0 < drive.edge_s < between:
+                allowed = f"above 0 and below {between:g} s, the time between edges"
+                raise self._wrong(f"{net}: edge_s", drive.edge_s, allowed)
         for net, bits in self._outputs.items():
             if len({bit.crossing for bit in bits}) != 1:
                 raise self._wrong(net, bits, "bits that all, or none of them, are crossings")
@@ -202,9 +206,9 @@ class Cosim:
         periods = {net: 2 * round(0.5 * period / unit) for net, period in self._clocks.items()}
         for net, units in periods.items():
             exact = self._clocks[net] / unit
-            # 1e-9 is rounding of decimals; a difference would shift the clocks against each other
-            if not units or (len(periods) > 1 and abs(units - exact) > 1e-9 * exact):
-                allowed = f"an even multiple of the simulator's unit of time, {unit:g} s"
+            # 1e-9 is rounding of decimals; a difference would shift the times of the two simulators
+            if not units or abs(units - exact) > 1e-9 * exact:
+                allowed = f"an even multiple of the simulator's unit of time, {unit:g} s (`timescale)"
                 raise self._wrong(f"clock {net}", self._clocks[net], allowed)
         between = [units // 2 if self._both_edges else units for units in periods.values()]
         began = cocotb.utils.get_sim_time("step")
@@ -230,7 +234,7 @@ class Cosim:
             if all(settle <= past < gap - ahead for past, gap in zip(passed, between, strict=True)):
                 break
             await Timer(1, unit="step")
-        one = len(periods) == 1  # which may have any period
+        one = len(periods) == 1  # whose edges are multiples of its period to the last digit
         shortest_s = min((drive.edge_s for drive in self._inputs.values()), default=self._step_s)
         times = {
             "base": longest if one else 1,
@@ -241,6 +245,7 @@ class Cosim:
             "first_step_s": 0.125 * shortest_s,
             "idle": math.ceil(IDLE_STEPS * self._step_s / unit),
         }
+        loop.require()
         half = self._circuit(loop.levels())
         at_end.callback(half.close)
         at_end.callback(loop.stop)

@@ -24,6 +24,7 @@
 
 #define STACK_BYTES (64u << 20) /* ngspice's parser recurses deeply on large decks; pages are only touched when used */
 #define MAX_SOURCES 1024 /* a 256 x 256 array has 513 */
+#define MAX_EDGES (4 * MAX_SOURCES)
 
 /* What `lockstep_open` takes, and from t_now and started on what it tells; ngspice.py has the same fields. It stays until
    the next one. t_edges: how long edges of each source last. late: of each probe. abrupt: an edge switches a conductance:
@@ -139,7 +140,7 @@ static int on_source(double *value, double t, char *name, int id, void *user)
     (void)id, (void)user;
     int i = source_index(name);
     if (i < 0) /* nobody would ever drive it */
-        fail("the deck has an external source %.60s that was not announced", name);
+        fail("the netlist has an external source %.60s that nothing drives", name);
     else
         ls.source[i].asked = true;
     /* the hidden transient by which ngspice may look for an operating point has a time of its own */
@@ -388,29 +389,9 @@ int lockstep_open(struct circuit *next)
    is asked for by the first one. */
 static int wrong_name(const char *name) { return fail("%s", name), -3; }
 
-/* Solve up to time `to`, with those edges that begin after `after`, and unless it is a sample ahead of the rest, with all
-   others. */
-static int solve(double after, double to, bool early, int n_edge, const int *edge_source, const double *edge_time,
-                 const double *edge_level)
+/* Let ngspice run to a time. */
+static int run_to(double to)
 {
-    if (ls.state != READY && ls.state != RUNNING)
-        return fail(ls.state == ENDED ? "the transient has ended" : "the circuit is not running");
-    if (to > of->t_stop * (1.0 + 1e-12)) /* clocks times period may round beyond frames times slot */
-        return fail("asked to go beyond the end of the transient");
-    for (int e = 0; e < n_edge; e++) {
-        int i = edge_source[e];
-        double t = edge_time[e];
-        if (t <= after || (t > to && early))
-            continue;
-        if (i < 0 || i >= of->n_source || t < of->t_now - ulps(t) || t > to)
-            return fail("an edge lies outside the interval");
-        struct source *s = &ls.source[i];
-        if (t < s->t + s->t_edge - ulps(t))
-            return fail("an edge begins before the last one of its source has ended: %.60s at %.9g s",
-                        of->source_names[i], t);
-        s->from = level(s, t), s->to = edge_level[e], s->t = t;
-        ls.ramp_begins = true;
-    }
     ls.t_target = to, ls.state = RUNNING;
     swapcontext(&caller, &runner);
     if (ls.state == FAILED)
@@ -420,6 +401,46 @@ static int solve(double after, double to, bool early, int n_edge, const int *edg
             return wrong_name(of->probe_names[p]);
     if (of->t_now < to - ulps(to) || !of->started)
         return give_up(of->started ? "ngspice stopped" : "ngspice found no operating point");
+    return 0;
+}
+
+/* Solve up to time `to`, with those edges that begin after `after`, and unless it is a sample ahead of the rest, with all
+   others. */
+static int solve(double after, double to, bool early, int n_edge, const int *edge_source, const double *edge_time,
+                 const double *edge_level)
+{
+    static int order[MAX_EDGES];
+    int failed = 0;
+    if (ls.state != READY && ls.state != RUNNING)
+        return fail(ls.state == ENDED ? "the transient has ended" : "the circuit is not running");
+    if (to > of->t_stop * (1.0 + 1e-12)) /* clocks times period may round beyond frames times slot */
+        return fail("asked to go beyond the end of the transient");
+    if (n_edge > MAX_EDGES)
+        return fail("more than %d edges", MAX_EDGES);
+    for (int e = 0; e < n_edge; e++) { /* in order of time: nearly always they are */
+        int k = e;
+        for (; k > 0 && edge_time[order[k - 1]] > edge_time[e]; k--)
+            order[k] = order[k - 1];
+        order[k] = e;
+    }
+    for (int k = 0; k < n_edge; k++) {
+        int e = order[k], i = edge_source[e];
+        double t = edge_time[e];
+        if (t <= after || (t > to && early))
+            continue;
+        if (i < 0 || i >= of->n_source || t < of->t_now - ulps(t) || t > to)
+            return fail("an edge lies outside the interval");
+        struct source *s = &ls.source[i];
+        if (t < s->t + s->t_edge - ulps(t))
+            return fail("an edge begins before the last one of its source has ended: %.60s at %.9g s",
+                        of->source_names[i], t);
+        if (s->t + s->t_edge > of->t_now && (failed = run_to(t))) /* a source has one edge at a time */
+            return failed;
+        s->from = level(s, t), s->to = edge_level[e], s->t = t;
+        ls.ramp_begins = true;
+    }
+    if ((failed = run_to(to)))
+        return failed;
     for (int i = 0; i < of->n_source; i++)
         if (!ls.source[i].asked)
             return wrong_name(of->source_names[i]);

@@ -11,7 +11,8 @@ from pathlib import Path
 from dermis.errors import InputError
 
 _OPENS, _CLOSES = (".subckt", ".if"), (".ends", ".endif")
-_WATCHED = re.compile(r"[viatoyp]|\.(control|subckt|ends|if|endif|inc|lib)", re.IGNORECASE)
+_ANALYSES = r"\.(ac|dc|op|tran|noise|disto|pz|sens|tf|sp|pss|four|meas\w*)\b"
+_WATCHED = re.compile(rf"[viatoyp]|\.(control|subckt|ends|if|endif|inc|lib)|{_ANALYSES}", re.IGNORECASE)
 _BREAKS = re.compile(r"[atoyp]|\.lib|[vi].*[\s=](pulse|pwl|exp|pat|trnoise|trrandom)\b", re.IGNORECASE)
 """Cards of sources with corners, delayed lines, digital events, and files that are not read here."""
 _INCLUDES = 10
@@ -26,6 +27,7 @@ def refuse(lines: Sequence[str]) -> None:
     - An external source with a value: libngspice 39 crashes (exit 139).
     - An external current source: nothing drives it.
     - `.control`: its commands run while the deck is read, and `quit` ends ngspice.
+    - An analysis, such as `.tran` with `uic`: it would not be run.
     - Two voltage sources across the same nodes, outside subcircuits: a singular matrix, which ngspice reports
       for one of their branches.
 
@@ -38,6 +40,8 @@ def refuse(lines: Sequence[str]) -> None:
         name, ends, value = words[0], frozenset("0" if w == "gnd" else w for w in words[1:3]), words[3:]
         if name == ".control":
             raise InputError(*place, line, "no .control block: the co-simulation gives the commands")
+        if re.fullmatch(_ANALYSES, name):
+            raise InputError(*place, line, "no analysis: the co-simulation runs its own transient")
         if name[0] not in "vi.":
             continue
         depth += name.startswith(_OPENS)
