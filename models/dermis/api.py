@@ -205,6 +205,8 @@ def newtons(
     InputError
         The scene is wrong, or the codes do not fit it.
     """
+    if isinstance(scene, dict):
+        scene = {"stimulus": {"kind": "uniform", "force_n": [0.0]}} | scene
     made = scene.plan if isinstance(scene, Result) else plan.make(_scene(scene, None, design))
     try:
         return force.decode(made, codes, corrected).force_n

@@ -276,6 +276,9 @@ class Skin(Threaded):
         known.check(self.rows, self.cols, "calibration")
         kinds = [(c.code_max, c.falling, c.divider) for c in (true, known)]
         self._other_read_out = kinds[0] != kinds[1]
+        if self._other_read_out and self.plan.front_end is not None:
+            allowed = "a calibration of the board in [front_end] of the scene, or a scene without it"
+            raise InputError("Skin", "calibration", "of another board", allowed)
         self.decoder = Decoder(known, self.t_frame_s)
         self._network, converter = self.plan.network(0), self.plan.converter
         self._arguments = crosstalk.arguments(self._network)
@@ -327,6 +330,10 @@ class Skin(Threaded):
             chosen = np.flatnonzero(chosen)
         elif chosen.size == 0:
             chosen = np.empty(0, dtype=np.int64)
+        elif which is not None and chosen.shape == (sheets,) and sheets > 1 and chosen.max() <= 1:
+            raise ValueError(
+                "which may be a mask or the numbers 0 and 1: use a mask of bool, or other numbers"
+            )
         if chosen.dtype.kind not in "iu" or not ((chosen >= 0) & (chosen < sheets)).all():
             raise ValueError(f"which must be numbers of sheets 0..{sheets - 1}, or a mask of {sheets}")
         chosen = np.unique(chosen)

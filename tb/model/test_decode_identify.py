@@ -270,6 +270,8 @@ def test_the_command_writes_a_calibration_and_sees_a_drift(tmp_path: Path) -> No
         ("current_a = 0.0", "current_a = -1.0", "current.0.current_a"),
         ('force_n = "force_0.npy"', "force_n = -2.0", "load.0.force_n"),
         ('force_n = "force_0.npy"', 'force_n = "minus.npy"', "forces from 0"),
+        ('force_n = "force_0.npy"', 'force_n = "kpa.csv"', "in kpa"),
+        ('force_n = "force_0.npy"', 'force_n = "two.npy"', "2 frames that differ"),
     ],
 )
 def test_a_session_that_is_wrong_is_refused_in_one_line(
@@ -279,8 +281,28 @@ def test_a_session_that_is_wrong_is_refused_in_one_line(
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
-    np.save(tmp_path / "minus.npy", -loads()[0].force_n)
+    force = loads()[0].force_n
+    np.save(tmp_path / "minus.npy", -force)
+    np.save(tmp_path / "two.npy", np.array([force, 2 * force]))
+    names = ",".join(f"r{r}c{c} (kPa)" for r, c in np.ndindex(force.shape))
+    (tmp_path / "kpa.csv").write_text(f"{names}\n{','.join(map(str, force.ravel()))}\n")
     with pytest.raises(InputError) as error:
         run(str(path))
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_forces_at_other_places_and_a_file_of_another_kind_are_noticed(tmp_path: Path) -> None:
+    path = write_session(tmp_path)
+    status, said = run(str(path), "--out", str(tmp_path / "sheet.toml"))
+    assert (status, "misplaced_share" in said) == (0, True)
+    with pytest.raises(InputError, match="an earlier calibration"):
+        run(str(path), "--out", str(path))
+    for n, load in enumerate(loads()):
+        np.save(tmp_path / f"force_{n}.npy", load.force_n[::-1, ::-1])
+    try:
+        status, said = run(str(path), "--out", str(tmp_path / "other.toml"))
+    except InputError as error:  # the fit itself may see it
+        status, said = 2, str(error)
+    assert status, said
+    assert "contradict" in said or "reads" in said

@@ -16,8 +16,9 @@ from dermis.decode import recording
 from dermis.decode.calibration import Calibration
 from dermis.decode.recording import Layout
 from dermis.errors import InputError
-from dermis.report import output, read, verdict
+from dermis.report import html, output, read, verdict
 from dermis.scene.design import ROOT
+from dermis.scene.schema import write_toml
 from dermis.skin import Skin
 
 FRAMES = np.round(np.random.default_rng(0).uniform(0, 9, (7, 4, 6)), 3)
@@ -117,6 +118,41 @@ def test_the_command_writes_codes_and_forces_with_time(tmp_path: Path) -> None:
     assert summary["t_frame_s"] == pytest.approx(0.02)
     values = {row["name"]: row["value"] for row in summary["verdicts"]}
     assert values["read.corrected.rms_error_n"] < 0.5 * values["read.uncorrected.rms_error_n"]
+
+
+def test_nothing_that_was_read_is_written_over(tmp_path: Path) -> None:
+    np.save(path := tmp_path / "forces_n.npy", FRAMES)
+    before, said = path.read_bytes(), ("--unit", "newtons", "--rate", "50")
+    with pytest.raises(InputError, match="would replace forces_n"):
+        run(str(path), *said, "--out", str(tmp_path))
+    with pytest.raises(InputError, match="--html"):
+        html.reporting("read", path, lambda: 0)
+    assert path.read_bytes() == before
+    with pytest.raises(InputError, match="--area"):
+        run(str(path), *said, "--area", "25")
+
+
+def test_results_of_another_file_are_replaced_with_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(read, "BUILD", tmp_path / "build")
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        np.save(tmp_path / side / "touch.npy", FRAMES)
+        said = run(str(tmp_path / side / "touch.npy"), "--unit", "newtons", "--rate", "50")[1]
+    assert f"replaces the results of {tmp_path / 'left'}" in said
+
+
+def test_counts_of_a_board_that_runs_the_other_way_fail(tmp_path: Path) -> None:
+    board = {"circuit": "transimpedance", "resistor_ohm": 500.0, "full_scale": 1023, "supply_v": 1.0}
+    board |= {"reference_v": 3.3, "idle_rows": "held", "zero_count": 50.0}
+    scene, counts = tmp_path / "board.toml", np.round(50 + 30 * FRAMES).astype(int)
+    for way, status in (("rise", 0), ("fall", 1)):
+        scene.write_text(write_toml({"front_end": board | {"counts": way}}))
+        done = read_array(tmp_path, counts, "--scene", scene, unit="codes")
+        assert done[0] == status, done[1]
+    verdicts = json.loads((tmp_path / "out/summary.json").read_text())["verdicts"]
+    assert "read.below_zero_share" in [v["name"] for v in verdicts if v["status"] == "FAIL"]
 
 
 @pytest.mark.parametrize(("factor", "row"), [(1000.0, "read.saturated_share"), (0.001, "read.largest_code")])

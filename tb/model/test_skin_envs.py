@@ -116,6 +116,8 @@ def test_a_skin_is_made_of_tables_and_keywords() -> None:
         (lambda s: s.reset([3]), "which must be"),
         (lambda s: s.reset([-1]), "which must be"),
         (lambda s: s.reset([0.5]), "which must be"),
+        (lambda s: s.reset([0, 1, 1]), "a mask of bool"),
+        (lambda s: s.reset(np.array([1, 0, 0], np.uint8)), "a mask of bool"),
         (lambda s: s.reset(np.ones(4, bool)), "which must be"),
     ],
 )

@@ -2,7 +2,7 @@
 """Identify chip, network, sheet and memory from measurements, each with its uncertainty."""
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -113,7 +113,8 @@ def fit_noise(codes: ArrayLike) -> float:
 class SheetFit:
     """A calibration with its values and standard uncertainties by name, and remarks on them.
 
-    `bad` names loads that were left out, `bad_taxels` taxels that do not read a force, with the reason.
+    `bad` names loads that were left out, `bad_taxels` taxels that do not read a force, with the reason; `elsewhere`
+    says where a taxel is pressed without a force, or the reverse.
     """
 
     calibration: Calibration
@@ -121,6 +122,7 @@ class SheetFit:
     remarks: dict[str, str]
     bad: tuple[str, ...]
     bad_taxels: dict[tuple[int, int], str] = dataclasses.field(default_factory=dict)
+    elsewhere: tuple[str, ...] = ()
 
 
 def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFit:
@@ -152,7 +154,28 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     notes += [f"{name}: {remark}" for name, remark in fit.remarks.items()]
     notes += [f"taxel {r} {c} {reason}" for (r, c), reason in bad_taxels.items()]
     made = dataclasses.replace(fit.calibration, notes=(*calibration.notes, *notes))
-    return dataclasses.replace(fit, calibration=made, bad=tuple(bad), bad_taxels=bad_taxels)
+    elsewhere = tuple(_elsewhere(made, good, bad_taxels))
+    return dataclasses.replace(
+        fit, calibration=made, bad=tuple(bad), bad_taxels=bad_taxels, elsewhere=elsewhere
+    )
+
+
+def _elsewhere(made: Calibration, loads: list[Load], bad_taxels: Iterable[tuple[int, int]]) -> Iterator[str]:
+    """Yield where a taxel that is good conducts as if pressed without a force, or a tenth of that with one."""
+    for load in loads:
+        currents = made.step_a * (np.median(load.codes, axis=0) - made.start_code)
+        g, force = _conductances(made, made.array(), currents[np.newaxis])[0], load.force_n
+        for place in bad_taxels:
+            g[place] = np.nan
+        pressed, known = force > 0, np.isfinite(g) & np.isfinite(force)
+        if not (pressed & known).any() or made.v_bias_v * np.nanmax(g) < 2 * LEAST_CODE * made.step_a.max():
+            continue
+        # Where all forces are at wrong places their taxels read nothing.
+        typical = max(np.median(g[pressed & known]), 0.25 * g[known].max())
+        strong = pressed & (force >= np.median(force[pressed]))
+        wrong = known & ((~pressed & (g > 0.5 * typical)) | (strong & (g < 0.1 * typical)))
+        for r, c in np.argwhere(wrong):
+            yield f"{load.name}: row {r}, column {c} reads {'no ' if pressed[r, c] else 'a '}force"
 
 
 def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, int], str]:

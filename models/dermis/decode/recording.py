@@ -33,9 +33,11 @@ _TIME_SPREAD = 0.5
 _WRAP = 2.0**32
 _MEMBERS = 64
 """Arrays of an npz file that are looked through; of more the name must be given."""
-# Between 0.1 and 1 a step without a unit may be seconds of a slow logger, or milliseconds of a fast one; below 1e-5
-# days, as in a date of MATLAB.
-_SECONDS_SURE = 1e-5, 0.1
+# Between 0.1 and 1 a step without a unit may be seconds of a slow logger, or milliseconds of a fast one; below 1e-3
+# days or hours.
+_SECONDS_SURE = 1e-3, 0.1
+_DAYS = (3.6e4, 6e4), (7e5, 8e5)
+"""Times that may be days since 1900, as in Excel, or since year 0, as in MATLAB."""
 _STAMPS = (("ns", 1e18, 1e9), ("us", 1e15, 1e6), ("ms", 1e12, 1e3), ("s", 1e9, 1e2))
 """Units of stamps since 1970, from 2001 to 2033, and the largest step: a clock since power-on has such numbers too."""
 
@@ -76,12 +78,20 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     cannot be read, contradicts the layout, or leaves a question open: the line names the option that answers it.
     """
     path = Path(path)
+    if layout.rate_hz is not None and (layout.time_key or layout.time_unit):
+        raise InputError("command line", "--rate", layout.rate_hz, "left out with --time-key or --time-unit")
     bag = (path if path.suffix in recording_bag.SUFFIXES else path / "metadata.yaml").is_file()
     data = b"" if bag else read_bytes(path, FILE_BYTES_MAX, ("command line", option, str(path)))
     name = path
     if data.startswith(b"\x1f\x8b"):
         data, name = _unpacked(path, data), path.with_suffix("") if path.suffix.lower() == ".gz" else path
     suffix = name.suffix.lower()
+    unused = {"skip": None, "taxels": None, "part": None, "header": None}
+    if not bag and (data.startswith(b"PAR1") or suffix not in BINARY):
+        unused = {"key": None}
+    for key in unused:
+        if (given := getattr(layout, key)) not in (None, False):
+            raise InputError(path, f"--{key}", given, "left out: it is not for this kind of file")
     if bag:
         found = _parsed(path, lambda: recording_bag.read(path, layout))
     elif data.startswith(b"PAR1"):
@@ -94,12 +104,19 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     absent = np.isnan(frames).all(axis=0)
     if layout.missing is not None:
         absent |= (frames == layout.missing).all(axis=0)
+        if layout.missing < 0:  # no force: a value that is missing in some frames only
+            frames = np.where(frames == layout.missing, np.nan, frames)
     if absent.all():
         raise InputError(path, "--missing", layout.missing, "a value that some taxel does not always have")
     frames = np.where(absent, 0.0, frames)
     if np.isinf(frames).any():
         n, r, c = np.argwhere(np.isinf(frames))[0]
-        raise InputError(path, f"frame {n}, row {r}, column {c}", float(frames[n, r, c]), "a finite number")
+        raise InputError(
+            path,
+            f"frame {n}, row {r}, column {c}",
+            float(frames[n, r, c]),
+            "a finite number; 1e15 for an open taxel in ohm",
+        )
     frames = _gaps(path, frames, layout.gaps)
     time_s, source = _times(path, found, len(frames), layout)
     ignored = tuple(found.ignored)
@@ -157,12 +174,15 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
             file = optional("h5py", "recordings").File(io.BytesIO(data), "r")
             file.visititems(lambda n, item: sets.update({n: item}) if hasattr(item, "dtype") else None)
         values, time, name = _chosen(path, sets, layout)
+        unit = getattr(time, "attrs", {}).get("units", b"")
+        stated = text.time_unit_of(unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit))
     values = np.asarray(values).T if reversed_axes else np.asarray(values)
     if values.dtype.kind not in "biuf":
         raise InputError(path, "--key", str(values.dtype), "an array of real numbers")
     time = None if time is None else np.asarray(time, dtype=float).ravel()
     found = Found(np.asarray(values, dtype=float), time, binary=True)
-    found.time_unit, found.time_from = text.time_unit_of(name) if name else None, name or "the file"
+    if name is not None:
+        found.time_unit, found.time_from = text.time_unit_of(name) or stated, name
     return found
 
 
@@ -229,7 +249,7 @@ def _shaped(path: Path, found: Found, layout: Layout) -> Floats:
     if not values.size:
         raise InputError(path, "shape", list(values.shape), "at least one frame")
     if layout.axes is not None:
-        values, by_line = _by_axes(path, values, layout.axes), True
+        values, by_line = _by_axes(path, values, layout.axes, (layout.rows, layout.cols)), True
     else:
         by_line = found.by_line or found.time is not None
         if found.shape is None:
@@ -240,11 +260,20 @@ def _shaped(path: Path, found: Found, layout: Layout) -> Floats:
             allowed = f"[frames, {layout.rows}, {layout.cols}], or other --rows, --cols or --axes"
             raise InputError(path, "shape", list(values.shape), allowed)
         return values.reshape(-1, *shape)
-    return _split(path, values, layout, by_line)
+    return _split(path, values, layout, by_line, list(found.values.shape))
 
 
-def _by_axes(path: Path, values: Floats, axes: tuple[str | int, ...]) -> Floats:
-    """Return [frames, rows, cols] or [frames, taxels] of an array whose axes are named."""
+def _by_axes(
+    path: Path, values: Floats, axes: tuple[str | int, ...], size: tuple[int | None, int | None]
+) -> Floats:
+    """Return [frames, rows, cols] or [frames, taxels] of an array whose axes are named.
+
+    Taxels [frames, taxels] may be frames,cols,rows: column after column.
+    """
+    rows, cols = size
+    if values.ndim == 2 and axes[0] == "frames" and len(axes) == 3 and rows and cols:
+        if values.shape[1] == rows * cols:
+            values = values.reshape(-1, *(cols if axis == "cols" else rows for axis in axes[1:]))
     shape = list(values.shape)
     if values.ndim != len(axes):
         raise InputError(path, "--axes", shape, f"{values.ndim} names or numbers, not {len(axes)}")
@@ -284,8 +313,12 @@ def _frames_first(path: Path, values: Floats, found: Found, layout: Layout) -> F
         if first_fits == last_fits:
             raise ask
         frames = values if first_fits else np.moveaxis(values, 2, 0)
-        if layout.rows is None or layout.cols is None:
-            if min(frames.shape[1:]) <= 2 and max(frames.shape[1:]) > 32:
+        # Of rows and columns that are given, the axes of the frames that leave both.
+        others = {n for n in range(3) if None not in size and sorted(np.delete(shape, n)) == sorted(size)}
+        if len(others) > 1 and not first_fits and not timed:
+            raise ask
+        if layout.rows is None or layout.cols is None or (len(others) > 1 and not timed):
+            if min(frames.shape[1:]) <= 2 and max(frames.shape[1:]) > 32 and None in size:
                 raise ask
             said = "frames, rows, cols" if first_fits else "rows, cols, frames"
             warn(path, f"taken as [{said}] from its shape {list(shape)}; --axes otherwise")
@@ -316,8 +349,11 @@ def _frames_first(path: Path, values: Floats, found: Found, layout: Layout) -> F
     return values
 
 
-def _split(path: Path, values: Floats, layout: Layout, by_line: bool) -> Floats:
-    """Return [frames, taxels] or [lines, cols] as [frames, rows, cols]; `by_line`: a line is known to be a frame."""
+def _split(path: Path, values: Floats, layout: Layout, by_line: bool, shape: list[int]) -> Floats:
+    """Return [frames, taxels] or [lines, cols] as [frames, rows, cols]; `by_line`: a line is known to be a frame.
+
+    `shape` is that of the file.
+    """
     rows, cols, allowed = layout.rows, layout.cols, "--rows and --cols of the array"
     count = values.shape[1]
     if rows is None and cols is None and text.square(count):
@@ -325,8 +361,10 @@ def _split(path: Path, values: Floats, layout: Layout, by_line: bool) -> Floats:
         # 32 values or fewer are as likely a row.
         if not by_line and (len(values) % count == 0 or (len(values) > 1 and 1 < count <= 32)):
             a_row = f"--cols {count} and --rows if it is a row"
+            if values.shape[0] != shape[0]:
+                a_row = "--axes rows,cols if it is one frame"
             question = f"--rows {rows} --cols {cols} if a line is a frame, {a_row}"
-            raise InputError(path, "shape", list(values.shape), question)
+            raise InputError(path, "shape", shape, question)
         if count > 1:
             warn(path, f"{count} taxels taken as {rows} x {cols}; --rows and --cols otherwise")
     elif rows is None and cols is not None and count % cols == 0 and count != cols:
@@ -351,6 +389,7 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
             first = number[int(np.argmax(steps > 1))]
             warn(path, f"{counted(lost, 'frame')} lost, the first after frame {first:g}")
     if layout.rate_hz is not None:
+        _warn_of_other_times(path, found, frames, layout.rate_hz)
         number = np.arange(frames) if number is None else number - number[0]
         return number / layout.rate_hz, "option --rate"
     if frames == 1:
@@ -386,12 +425,28 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
     if unit is None:
         first = time[0] + found.start
         unit = next((u for u, least, most in _STAMPS if least < first < 2 * least and median < most), None)
-        if unit is None and _SECONDS_SURE[0] < median < _SECONDS_SURE[1]:
+        days = any(least < first < most for least, most in _DAYS)
+        if unit is None and not days and _SECONDS_SURE[0] <= median < _SECONDS_SURE[1]:
             unit = None if text.asks_unit(found.time_from) else "s"
     if unit is None:
         raise InputError(path, "time", f"steps of {median:g}", "--time-unit " + ", ".join(TIME_UNITS))
     lost = (np.abs(step / median - 1) > _TIME_SPREAD) & (step > 0)
     if lost.any():
-        said = f"{lost.sum()} of {frames} steps of time differ from the median by more than half"
+        said = f"{lost.sum()} of {frames - 1} steps of time differ from the median by more than half"
         warn(path, f"{said}, the first after frame {int(np.argmax(lost))}: frames lost?")
     return (time - time[0]) * TIME_UNITS[unit], f"{found.time_from}, in {unit}"
+
+
+def _warn_of_other_times(path: Path, found: Found, frames: int, rate_hz: float) -> None:
+    """Warn of times in the file that `--rate` overrules, if they are of another rate or of several recordings."""
+    if found.time is None or frames < 2 or found.time.size % frames:
+        return
+    found.ignored.append(found.time_from)
+    step = np.diff(np.ravel(found.time)[:: found.time.size // frames])
+    step = step[np.isfinite(step)]
+    if step.size and (step < 0).any():
+        warn(path, f"{found.time_from} falls after frame {int(np.argmax(step < 0))}: recordings joined?")
+    elif step.size and found.time_unit and np.median(step) > 0:
+        own_hz = 1.0 / (float(np.median(step)) * TIME_UNITS[found.time_unit])
+        if abs(own_hz / rate_hz - 1) > 0.01:
+            warn(path, f"{found.time_from} says {own_hz:.6g} frames/s, which --rate overrules")

@@ -29,10 +29,8 @@ class Columns(Table):
             if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
                 columns |= self._parts(name, column.to_pylist())
             elif types.is_timestamp(kind) or types.is_duration(kind):
-                # Stamps since 1970 tell their unit by their size.
-                unit = "" if types.is_timestamp(kind) else f" [{kind.unit}]"
                 name = name if is_time(name) or layout.time_key == name else f"time {name}"
-                columns[name + unit] = column.cast("int64").to_numpy()
+                columns[f"{name} [{kind.unit}]"] = column.cast("int64").to_numpy()
             elif types.is_dictionary(kind) or types.is_string(kind) or types.is_large_string(kind):
                 columns[name] = [cell or "" for cell in column.to_pylist()]
             elif types.is_decimal(kind):

@@ -21,7 +21,7 @@ from dermis.errors import InputError, one_line, quoted
 from dermis.ndarrays import Floats
 from dermis.scene.stimulus import VALUES_MAX
 
-_WORDS = r"time|t|ts|stamp|timestamp|elapsed|zeit|(nano|micro|milli)?seconds?|minutes|hours|[nmu]?s(ecs?)?"
+_WORDS = r"time|t|ts|stamp|timestamp|elapsed|zeit|(nano|micro|milli)?seconds?|minutes|hours|mi(lli|cro)s|[nmu]?s(ecs?)?"
 _CLOCKED = rf"[%#]?(.*[./ _])?({_WORDS})"
 _TIME = re.compile(_CLOCKED + r"([ _.\[(].*)?", re.IGNORECASE)
 _BARE_TIME = re.compile(_CLOCKED, re.IGNORECASE)
@@ -50,6 +50,9 @@ _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _STAMP = re.compile(_NUMBER + r"\s*(m?s)(ec\w*)?\b")
 """Seconds or milliseconds in the label of a frame."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
+_DATE = re.compile(r"\d{4}-\d\d-\d\d|\d{1,2}\.\d{1,2}\.\d{2,4}")
+"""A date in a column beside that of the clock."""
+PER_SECOND = {"ms": 10**3, "us": 10**6, "ns": 10**9}
 # Forces of 1 N have two digits behind the point.
 _MARGIN = 0.02
 _NUMBERS_SURE = 16
@@ -62,9 +65,14 @@ KPA = {
 """kPa of a unit of pressure."""
 NEWTONS = {
     "n": 1.0, "newtons": 1.0, "kg": 9.80665, "kgf": 9.80665, "g": 9.80665e-3, "gf": 9.80665e-3, "lbs": 4.4482216,
-    "lbf": 4.4482216,
+    "lbf": 4.4482216, "mn": 1e-3, "kn": 1e3,
 }  # fmt: skip
 """N of a unit of force."""
+OHMS = {"ohm": 1.0, "ohms": 1.0, "ω": 1.0, "kohm": 1e3, "kω": 1e3}
+_RAW = ("counts", "count", "adc", "raw", "lsb", "code", "codes", "bit", "bits", "digits", "au", "a.u.")
+"""Units of readings that are no physical ones."""
+_UNIT = re.compile(r"[\[(]([^\])\d]*[^\W\d][^\])\d]*2?)[\])]$|\d[ _.]+([^\W\d_]+)$")
+"""Unit at the end of the name of a taxel: in brackets, or after its number."""
 _MM = {
     "mm": 1.0, "millimeters": 1.0, "cm": 10.0, "centimeters": 10.0, "m": 1e3, "meters": 1e3, "in": 25.4, "inch": 25.4,
     "inches": 25.4,
@@ -139,12 +147,13 @@ class Found:
     order: str = "row by row, as in the file"
     ignored: list[str] = field(default_factory=list)
 
-    def scale(self, unit: str) -> None:
-        """Turn values in a unit of pressure or force into kPa or N; any other unit leaves them as they are."""
+    def scale(self, unit: str) -> bool:
+        """Turn values into kPa, N or ohm by their unit; return False for one that is not known, which leaves them."""
         unit = re.sub(r'[\s^,;"]', "", unit).lower().replace("²", "2")
-        for name, known in (("kpa", KPA), ("newtons", NEWTONS)):
+        for name, known in (("kpa", KPA), ("newtons", NEWTONS), ("ohm", OHMS)):
             if unit in known:
                 self.values, self.unit = self.values * known[unit], name
+        return self.unit is not None or unit in _RAW
 
 
 def warn(path: Path, text: str) -> None:
@@ -172,13 +181,21 @@ def decoded(path: Path, data: bytes) -> str:
 
 def read(path: Path, data: bytes, layout: Layout) -> Found:
     """Read a text; InputError where it leaves a question open."""
-    lines = decoded(path, data).splitlines()
+    said = decoded(path, data)
+    lines = said.splitlines()
+    if re.match(r"\s*(\{|\[\s*\{)", said):
+        raise InputError(path, "file", "JSON", f"a table with a line for a frame, as csv; {KNOWN}")
     head = [line.strip(' ",;\t').lower() for line in lines[:4000]]
     if any(h.startswith("rows") for h in head) and any(_LABEL.match(h) for h in head):
         return _maker(path, lines, layout)
     if any(_PICTURE.match(line) for line in lines):
         return _emed(path, lines, layout)
-    return Table(path, lines, layout).found()
+    table = Table(path, lines, layout)
+    found, ends = table.found(), [row[-1] for row in table.sample]
+    before = [len(cell) for cell in ends[: min(20, table.count - 1)]]
+    if not said.endswith(("\n", "\r")) and len(ends[-1]) < min(before, default=0):
+        warn(path, f"the last line ends with {quoted(ends[-1])} and no new line: cut off?")
+    return found
 
 
 # ---- cells
@@ -236,6 +253,7 @@ def _stamp(cell: str) -> float:
         cell = re.sub(r"(:\d\d),(\d+)$", r"\1.\2", cell)
     if clock := _CLOCK.fullmatch(cell.strip()):
         return int(clock[1]) * 3600 + int(clock[2]) * 60 + _decimal(clock[3])
+    cell = re.sub(r"\s+(?=[+-]\d\d:?\d\d$)", "", cell)
     time = datetime.fromisoformat(cell) if re.search(r"\D\d\d:\d\d", cell) else None
     if time is None:
         raise ValueError
@@ -249,8 +267,13 @@ def _parted(name: str) -> str:
 
 def time_unit_of(name: str) -> str | None:
     """Return the unit that the name of a time has, as in time_ms and Time [us]."""
+    return _unit_in(name)[1]
+
+
+def _unit_in(name: str) -> tuple[str, str | None]:
+    """Return what stands before the unit of a time in its name, and the unit."""
     match = _TIME_UNIT.fullmatch(_parted(name).lower())
-    return match.lastgroup if match else None
+    return (match[0][: match.start(match.lastgroup)], match.lastgroup) if match else ("", None)
 
 
 def is_time(name: str, known: re.Pattern = _TIME) -> bool:
@@ -273,10 +296,15 @@ class Table:
         self.path, self.layout = path, layout
         filled = [(n, line) for n, line in enumerate(lines, 1) if line.strip(" \t,;")]
         data = [line for _, line in filled if not _is_comment(line)]
-        self.mark = _mark_of(data[-1]) if data else None
+        ends = [line for line in data if not _LABEL.match(line)][-20:] or data[-1:]
+        self.mark = Counter(map(_mark_of, ends)).most_common(1)[0][0] if ends else None
         start = next((k for k, (_, line) in enumerate(filled) if self._starts(line)), len(filled))
         self.head, self.lines = [line for _, line in filled[:start]], filled[start:]
         self.block, self.label = self._blocks(lines)
+        if not self.lines and len(data) > 1:
+            number, line = next((n, line) for n, line in filled[1:] if line in data)
+            bad = next((c for c in _bare(cells_of(line, self.mark)) if c and not _is(c)), line)
+            raise self._ask(f"line {number}", quoted(one_line(bad, 40)), "numbers as 0.5 or 0,5, and a time")
         if not self.lines:
             raise self._ask("lines", "a header only" if filled else 0, "at least one line of numbers")
         # Every line ends with a mark that separates nothing.
@@ -456,8 +484,13 @@ class Table:
             self._timed(found, moments, keys)
         stated = re.search(r"pressure values in\s+(\S+)", "\n".join(self.head), re.IGNORECASE)
         name = self.names[next(k for k in columns if k is not None)] if self.names else ""
-        if stated := stated or re.search(r"[\[(]([^\])]+)[\])]$", name):
-            found.scale(stated[1])
+        if stated := stated or _UNIT.search(name):
+            unit = stated[1] or stated[2]
+            if not found.scale(unit) and stated[1]:
+                warn(
+                    self.path,
+                    f"{quoted(one_line(unit))} is no unit that is known: values are taken as they are",
+                )
         self._counters(out)
         if row_key is not None:
             return self._rows(found, table[:, 0], table[:, 1] if frame_key is not None else found.time)
@@ -486,17 +519,18 @@ class Table:
         timed = [k for k in range(self.width) if _is(first[k], _stamp) or (_is(first[k]) and first[k])]
         if names:
             counts = Counter(_template(name)[0] for name in names)
-            for k in timed:
-                # ROS: stamp.sec and stamp.nanosec, secs and nsecs.
-                fine = re.fullmatch(r"(.*?)(nano|n)(secs?|seconds?)", names[k], re.IGNORECASE)
-                whole = fine and re.compile(re.escape(fine[1]) + "(secs?|seconds?|s)", re.I)
-                if pair := [j for j in timed if whole and whole.fullmatch(names[j])]:
-                    return [pair[0], k]
-            named = [k for k in timed if is_time(names[k]) and counts[_template(names[k])[0]] < 4]
+            alone = [k for k in range(self.width) if is_time(names[k]) and counts[_template(names[k])[0]] < 4]
+            named = [k for k in alone if k in timed]
+            for k in named:
+                if len(keys := self._with_parts(k)) > 1:
+                    return keys
+            if alone and not named and self.layout.rate_hz is None and first[alone[0]]:
+                allowed = "a number, a clock, or a date as 2024-03-04 12:00:00; or --rate"
+                raise self._ask(names[alone[0]], quoted(first[alone[0]]), allowed)
             return named[:1]
         stamps = [k for k in timed if not _is(first[k])]
         if stamps:
-            return stamps[:1]
+            return self._with_parts(stamps[0])
         # Whole seconds since 1970 with nanoseconds beside them, or a stamp since 1970: no taxel has 1e9.
         columns = [[row[k] for row in self.sample] for k in range(min(4, self.width))]
         whole = [all(re.fullmatch(r"\d+", c) for c in column) for column in columns]
@@ -506,6 +540,24 @@ class Table:
                 fine = len(column[0]) == 10 and 1e6 < max(map(int, after)) < 10**9
                 return [k, k + 1] if fine else [k]
         return []
+
+    def _with_parts(self, k: int) -> list[int]:
+        """Return the columns of a time: the date before its clock, or the part of a second after its whole seconds."""
+        cells, others = [row[k] for row in self.sample], range(self.width)
+        if all(map(_CLOCK.fullmatch, cells)):
+            for j in others:
+                if all(_DATE.fullmatch(row[j]) for row in self.sample):
+                    return [j, k]
+        if self.names and all(re.fullmatch(r"\d+|\d{1,2}:\d\d:\d\d", cell) for cell in cells):
+            start, unit = _unit_in(self.names[k])
+            for j in others:
+                # stamp.sec and stamp.nanosec, secs and nsecs, s and us, or ms beside any.
+                before, fine = _unit_in(self.names[j])
+                parts = [row[j] for row in self.sample]
+                if unit in (None, "s") and fine in PER_SECOND and before in ("", start) and j != k:
+                    if all(re.fullmatch(r"\d{1,9}", p) and int(p) < PER_SECOND[fine] for p in parts):
+                        return [k, j]
+        return [k]
 
     def _by_names(self, chosen: list[int] | None, keys: list[int]):
         """Return order, columns by place (None: no taxel), shape or None, and True if a line is a frame."""
@@ -546,11 +598,16 @@ class Table:
             shape = None
         else:
             two = len(changing) == 2
-            turned = two and words[0] in COL and words[1] in ROW
             plain = two and not re.search("[a-z]", texts[changing[0] + 1])
-            if not (turned or plain or (two and words[0] in ROW and words[1] in COL)):
-                raise self._unclear(first, "names with row and column")
-            shape, by_line = self._grid(first, numbers := numbers[:, ::-1] if turned else numbers), True
+            turned = two and words[0] in COL and (plain or words[1] in ROW)
+            if (plain and words[0] in ("c", "x")) or not (
+                turned or plain or (words[0] in ROW and words[-1] in COL)
+            ):
+                raise self._unclear(first, "names with row and column, as r0c0")
+            shape, by_line = (
+                self._grid(first, numbers := numbers[:, ::-1] if turned else numbers, plain),
+                True,
+            )
             place, count = (numbers - numbers.min()) @ (shape[1], 1), shape[0] * shape[1]
         table: list[int | None] = [None] * count
         for k, n in zip(columns, place.tolist(), strict=True):
@@ -558,9 +615,15 @@ class Table:
         if None in table:
             warn(self.path, f"{table.count(None)} of {count} places have no column: no taxel there")
         first = self.names[next(k for k in table if k is not None)]
-        return f"by names, {first} first{'' if shape else ', row by row'}", table, shape, by_line
+        said = f"by names, {first} first{'' if shape else ', row by row'}"
+        places = [
+            (self.names[k], *divmod(n, shape[1])) for n, k in enumerate(table) if shape and k is not None
+        ]
+        if told := next((place for place in reversed(places) if place[1] != place[2]), None):
+            said += f", {told[0]} in row {told[1]}, column {told[2]}"
+        return said, table, shape, by_line
 
-    def _grid(self, first: str, numbers: NDArray) -> tuple[int, int]:
+    def _grid(self, first: str, numbers: NDArray, plain: bool) -> tuple[int, int]:
         """Return the size of an array whose names have row and column."""
         if (numbers.min(axis=0) > 1).any():
             raise self._unclear(first, "rows and columns from 0 or 1")
@@ -569,7 +632,7 @@ class Table:
         if (most > (rows, cols)).any():
             said = f"{most[0]} x {most[1]} places as {first}"
             raise self._ask("header", said, f"places in {rows} x {cols}, or other --rows and --cols")
-        if min(rows, cols) <= 2 and max(rows, cols) > 32 and not self.layout.size:
+        if min(rows, cols) <= 2 and max(rows, cols) > (8 if plain else 32) and not self.layout.size:
             raise self._unclear(f"{rows} x {cols} places", "--rows and --cols, for one of two arrays")
         if rows * cols > PLACES_MAX:
             raise self._ask("header", f"{rows} x {cols} places", f"at most {PLACES_MAX}")
@@ -633,9 +696,27 @@ class Table:
                 comma = comma or any("," in cells[k] for k in columns)
             if keys:
                 moments.append(_bare([cells[k].strip() for k in keys]))
-        if comma and any("." in self._cells(line)[k] for _, line in self.lines for k in columns):
-            raise self._ask("numbers", "decimal commas and points", "one of them")
+        points = any(re.fullmatch(r"[-+]?\d*\.\d+", cell) for row in self.sample for cell in row)
+        if comma and (points or any("." in self._cells(line)[k] for _, line in self.lines for k in columns)):
+            raise self._ask("numbers", "decimal commas and points", "one of them; thousands without a mark")
+        self._refuse_thousands(table, columns)
         return table, moments
+
+    def _refuse_thousands(self, table: Floats, columns: Sequence[int]) -> None:
+        """Refuse numbers that may have a mark of thousands: 1,234 beside 985."""
+        size = np.abs(table[np.isfinite(table)])
+        broken = size % 1 != 0
+        part, whole = 1e3 * size[broken], size[~broken]
+        # Rounding of a number below 1000 is 1e-13.
+        if not part.size or part.min() < 1e3 or np.abs(part - np.round(part)).max() > 1e-6:
+            return
+        if not 0 < whole.max(initial=0.0) < 1000:
+            return
+        cells = [self._cells(line)[k] for _, line in self.lines for k in columns]
+        marked = [cell for cell in cells if "." in cell or "," in cell]
+        plain = any(re.fullmatch(r"[-+]?[1-9]\d{0,2}", cell) for cell in cells)
+        if plain and all(re.fullmatch(r"[-+]?[1-9]\d{0,2}[.,]\d{3}", cell) for cell in marked):
+            raise self._ask("numbers", quoted(marked[0]), "no mark of thousands; a decimal as 1.2340")
 
     def _numbers(self, cells: Sequence[str], columns: Sequence[int], where: str) -> list[float]:
         found = []
@@ -651,11 +732,20 @@ class Table:
         """Add the times of the cells in `keys`, and their unit if it is known."""
         cells = [row[0] for row in moments]
         whole = all(re.fullmatch(r"-?\d{1,19}", c) for row in moments for c in row)
-        if len(keys) == 2:
-            if not whole:
-                raise self._ask("time", " ".join(moments[0]), "whole seconds and nanoseconds, or --time-key")
-            ns = [int(s) * 10**9 + int(n) for s, n in moments]
-            found.time, found.time_unit = np.array([t - ns[0] for t in ns], dtype=float) * 1e-9, "s"
+        if len(keys) == 2 and _DATE.fullmatch(cells[0]):
+            cells = [" ".join(row) for row in moments]
+        elif len(keys) == 2:
+            per_s = PER_SECOND[(self.names and _unit_in(self.names[keys[1]])[1]) or "ns"]
+            if not all(re.fullmatch(r"(\d{1,12}|\d+:\d\d:\d\d) \d{1,9}", " ".join(row)) for row in moments):
+                raise self._ask("time", " ".join(moments[0]), "whole seconds and a part, or --time-key")
+            seconds = [int(s) if s.isdigit() else int(_stamp(s)) for s in cells]
+            ticks = [s * per_s + int(row[1]) for s, row in zip(seconds, moments, strict=True)]
+            if max(int(row[1]) for row in moments) >= per_s:
+                raise self._ask(
+                    self.names[keys[1]], max(row[1] for row in moments), f"below {per_s}, or --time-key"
+                )
+            found.time = past_midnight(np.array([t - ticks[0] for t in ticks], dtype=float) / per_s)
+            found.time_unit = "s"
             return
         filled = [c for c in cells if c.lower() not in _EMPTY]
         read = number_of if not filled or _is(filled[0]) else _stamp
@@ -676,11 +766,17 @@ class Table:
         """Warn of lost numbers in a counter of frames."""
         for k in out if self.names else ():
             column = self._column(k) if _COUNTER.fullmatch(self.names[k]) else [""]
-            if all(re.fullmatch(r"\d+", c) for c in column):
-                steps = np.diff([int(c) for c in column])
-                if (steps > 1).any() and (steps == 1).any():
-                    lost = int((steps[steps > 1] - 1).sum())
+            if all(re.fullmatch(r"\d{1,15}", c) for c in column):
+                numbers = np.array([int(c) for c in column])
+                steps = np.diff(numbers)
+                # A counter of 8, 16 or 32 bits that reaches its last numbers goes on from 0.
+                size = next((s for s in (1 << 8, 1 << 16, 1 << 32) if 0.9 * s <= numbers.max() < s), 0)
+                steps = np.where((steps < 0) & (numbers[1:] < 0.1 * size), steps + size, steps)
+                if (steps == 1).any() and (lost := int((steps[steps > 1] - 1).sum())):
                     warn(self.path, f"{self.names[k]} leaves out {lost} numbers: frames lost?")
+                if (steps < 0).any() and not (steps < 0).sum() > len(steps) / 4:
+                    at = int(np.argmax(steps < 0)) + 1
+                    warn(self.path, f"{self.names[k]} begins again at its value {at + 1}: recordings joined?")
 
     def _column(self, k: int) -> list[str]:
         return [row[k] for _, line in self.lines if len(row := self._cells(line)) > k]
@@ -756,8 +852,13 @@ def square(count: int) -> bool:
 
 
 def _template(name: str) -> tuple[str, tuple[int, ...]]:
-    parts = re.split(r"(\d+)", name)
-    return "#".join(parts[::2]).lower(), tuple(int(n) if len(n) < 19 else PLACES_MAX for n in parts[1::2])
+    """Return the words of a name and its numbers; numbers before a row and a column belong to the words."""
+    before = re.match(r"(.*\d.*?)(?=r(?:ow)?[ _]?\d+[ _]?c(?:ol)?[ _]?\d+$)", name, re.IGNORECASE)
+    start = before[1] if before else ""
+    parts = re.split(r"(\d+)", name[len(start) :])
+    return start.lower() + "#".join(parts[::2]).lower(), tuple(
+        int(n) if len(n) < 19 else PLACES_MAX for n in parts[1::2]
+    )
 
 
 def _is_comment(line: str, *more: str) -> bool:

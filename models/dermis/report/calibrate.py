@@ -21,6 +21,8 @@ DRIFT_SIGMA = 4.0
 """Standard uncertainties by which a column's gain may differ from the older calibration ..."""
 DRIFT_MIN = 0.005
 """... and the relative difference that is a drift in any case: 1.3 codes at full scale."""
+MISPLACED_MAX = 0.05
+"""Share of pressed readings that may be pressed without a force, or the reverse: the edge of a load is not sharp."""
 
 
 class _Array(Strict):
@@ -86,10 +88,13 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     def frames(name: str, key: str, kind: str = "forces") -> NDArray[Any]:
         layout = recording.Layout(rows, cols, rate_hz=1.0, gaps="refuse")
         try:
-            found = recording.load(path.parent / name, layout).values
+            read = recording.load(path.parent / name, layout)
+            found = read.values
         except InputError as error:
             allowed = f"a file to read ({error.key} = {error.value}: {error.allowed})"
             raise InputError(path, key, name, allowed) from None
+        if read.unit not in (None, "newtons" if kind == "forces" else "codes"):
+            raise InputError(path, key, f"{name} in {read.unit}", "newtons" if kind == "forces" else "codes")
         if kind == "forces":
             if not (found >= 0).all():
                 raise InputError(path, key, name, f"forces from 0; the least is {found.min():g}")
@@ -123,7 +128,12 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             for n, load in enumerate(table.load):
                 known, key = load.force_n, f"load.{n}.force_n"
                 if isinstance(known, str):
-                    force = frames(known, key)[0]
+                    given = frames(known, key)
+                    force = given[0]
+                    if (given != force).any():
+                        raise InputError(
+                            path, key, f"{known}: {len(given)} frames that differ", "one map of forces"
+                        )
                 elif 0 <= known < np.inf:
                     force = np.full((rows, cols), known)
                 else:
@@ -142,6 +152,10 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             note("own_laws", len(own), "taxels", ", ".join(own[:8]) + (" ..." if len(own) > 8 else ""))
             odd = "; ".join(f"{r} {c} {reason}" for (r, c), reason in list(fit.bad_taxels.items())[:8])
             said.append(verdict.within("calibrate.bad_taxels", len(fit.bad_taxels), "taxels", None, 0, odd))
+            pressed = sum(int((load.force_n > 0).sum()) for load in loads)
+            odd = "; ".join(fit.elsewhere[:4])
+            share = len(fit.elsewhere) / max(pressed, 1)
+            said.append(verdict.within("calibrate.misplaced_share", share, "1", None, MISPLACED_MAX, odd))
             named = ", ".join(fit.bad)
             said.append(verdict.within("calibrate.bad_loads", len(fit.bad), "loads", None, 0, named))
         for cycle in table.cycle:
@@ -197,6 +211,10 @@ def calibrate_command(recordings: str, out: str | None, check: str | None) -> in
     target = path.with_name("calibration.toml") if out is None else Path(out)
     if target.is_dir():
         raise InputError("command line", "--out", str(target), "a file to write")
+    if target.is_file() and not target.read_bytes().startswith(b"format = "):
+        raise InputError(
+            "command line", "--out", str(target), "a new file, or an earlier calibration to replace"
+        )
     made, rows = session(path)
     if check is not None:
         old = calibration.load(check)

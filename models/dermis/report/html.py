@@ -212,6 +212,8 @@ def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
     optional("jinja2", "report")
     if path.is_dir() or not path.parent.is_dir():
         raise InputError("command line", "--html", str(path), "a file in a directory that is there")
+    if path.is_file() and not path.read_bytes()[:15].lower().startswith((b"<!doctype html", b"<html")):
+        raise InputError("command line", "--html", str(path), "a new file, or an earlier page to replace")
     tables, runs, maps = len(verdict.WRITTEN), len(output.WRITTEN), len(output.MAPS)
     start = time.time()
     code = call()

@@ -165,6 +165,7 @@ def decode_frames(skin: Skin, rec: Recording, path: str) -> tuple[Codes, Forces,
     present = rec.present & ~missing
     pressed = present & ((found.flags & ZERO) == 0)
     width = (found.high_n - found.low_n)[pressed]
+    open_ = int(np.isinf(width).sum())
     total = np.where(present, found.force_n, 0.0).sum(axis=(1, 2))
     unsolved = int((found.flags & UNSOLVED).any(axis=(1, 2)).sum())
     why = "the network does not fit" if unsolved else ""
@@ -172,11 +173,13 @@ def decode_frames(skin: Skin, rec: Recording, path: str) -> tuple[Codes, Forces,
         verdict.report("read.decoded.largest_force_n", float(np.nanmax(found.force_n)), "N", ""),
         verdict.report("read.decoded.largest_total_force_n", float(total.max()), "N", ""),
         verdict.within("read.decoded.unsolved_frames", unsolved, "frames", None, 0, why),
+        _below_zero(skin.decoder.calibration, codes, present),
         _saturated((found.flags & SATURATED) > 0, present, int(pressed.sum())),
         _largest(skin.decoder.calibration.rising(codes)),
     ]
-    if np.isfinite(width).any():
-        median, note = float(np.median(width)), "median of pressed taxels"
+    if open_ < width.size:
+        median, note = float(np.median(width[np.isfinite(width)])), "median of pressed taxels"
+        note += f"; {counted(open_, 'reading')} without an upper end" if open_ else ""
         rows.insert(0, verdict.report("read.decoded.interval_width_n", median, "N", note))
     return codes, found, rows
 
@@ -203,6 +206,14 @@ def _decoded(skin: Skin, rec: Recording, codes: Codes, missing: Bools, dt: Float
     for array in (found.force_n, found.low_n, found.high_n):
         array[:, ~rec.present] = 0.0
     return found
+
+
+def _below_zero(known: calibration.Calibration, codes: Codes, present: Bools) -> verdict.Row:
+    """Judge codes on the other side of that of no current; noise and drift may be a few counts."""
+    least = known.start_code - max(4.0, 0.002 * known.code_max) - 4.0 * known.noise_code
+    share = float((known.rising(codes) < least)[present].mean())
+    why = "a wrong counts, side or zero_count of [front_end]" if share else ""
+    return verdict.within("read.below_zero_share", share, "1", None, SATURATED_MAX, why)
 
 
 def _saturated(full: Bools, present: Bools, pressed: int) -> verdict.Row:
@@ -383,13 +394,15 @@ def read_command(
 
         for said in caught:
             note(one_line(str(said.message), 400))
-        area_mm2 = area_mm2 or rec.area_mm2
+        said_area, area_mm2 = area_mm2 is not None, area_mm2 or rec.area_mm2
         if unit is None and rec.unit is None:
             said = f"unknown for values {np.nanmin(rec.values):g} .. {np.nanmax(rec.values):g}"
             raise InputError(file, "unit", said, "--unit " + ", ".join(recording.UNITS))
         if unit is not None and rec.unit not in (None, unit):
             raise InputError(file, "--unit", unit, f"{rec.unit}, as the file says")
         unit = unit or rec.unit
+        if said_area and unit != "kpa":
+            raise InputError("command line", "--area", area_mm2, f"left out with --unit {unit}")
         if mask is not None:
             rec = _masked(rec, mask)
         if clip_negative:
@@ -429,6 +442,8 @@ def read_command(
         told = understood(rec, unit, area_mm2)
         summary = {"file": str(file), "unit": unit, "scene": scene or "default chip", "calibration": known}
         summary |= {"decoded": decodes, "understood": told, "warnings": notes}
+        if out is None and (before := _file_of(target)) not in (None, summary["file"]):
+            note(f"{one_line(str(target), 200)}: replaces the results of {one_line(before, 200)}")
         write(target, rec, codes, found, judged, summary, hdf5, bag)
         for name, value in told.items():
             click.echo(f"{name:8} {value}")
@@ -439,6 +454,14 @@ def read_command(
         verdict.print_rows(judged, f"{one_line(file)}: {size}, time from {rec.time_from}")
         click.echo(f"codes, forces and summary are in {one_line(str(target), 400)}")
         return verdict.exit_code(judged)
+
+
+def _file_of(target: Path) -> str | None:
+    """Return the file of an earlier result, None if there is none."""
+    try:
+        return str(json.loads((target / "summary.json").read_text(encoding="utf-8"))["file"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
 
 
 def _masked(rec: Recording, mask: str) -> Recording:
@@ -484,6 +507,11 @@ def write(
         "forces_n.csv": output.csv_of(found.force_n, ".6g", rec.time_s),
         "summary.json": json.dumps(summary, indent=1, allow_nan=False) + "\n",
     }
+    inputs = [Path(said[key]).resolve() for key in ("file", "scene", "calibration") if said[key]]
+    for name in files:
+        if (target / name).resolve() in inputs:
+            allowed = f"another directory: it would replace {name}, which was read"
+            raise InputError("command line", "--out", str(target), allowed)
     target.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target, prefix=".bag_") as held:
         if bag is not None:

@@ -392,7 +392,65 @@ SOME_NAMES = {"t": TIME, **columns(lambda r, c: flat(r, c) if r < 3 else f"p{r *
 RECEPTION = {"time_key": "reception"}
 HEARD_S = (np.array(LATE) - LATE[0]) * 1e-9
 
+DAYS = {"date": [f"2024-03-{4 + 25 * n // 24:02d}" for n in range(COUNT)]}
+DAYS["time"] = [f"{25 * n % 24:02d}:00:00" for n in range(COUNT)]
+SLOW = [1_020_000 * n for n in range(COUNT)]
+PARTS = {"sec": [str(us // 10**6) for us in SLOW], "usec": [str(us % 10**6) for us in SLOW]}
+EXCEL = {"time": [f"{45352 + n / 1440:.8f}" for n in range(COUNT)]}
+AGAIN = {"time": seconds(), "seq": [str(n % 12) for n in range(COUNT)]}
+THOUSANDS = table(flat).splitlines()[0] + ('\n"1,234"' + ",985" * (ROWS * COLS - 1)) * COUNT + "\n"
+CUT = FRAMES.copy()
+CUT[-1, -1, -1] //= 1
+CUT_TEXT = "\n".join(",".join(f"{v:.2f}" for v in frame.ravel()) for frame in FRAMES)[:-3]
+
 CASES: dict[str, Case] = {
+    # What readers from outside found: read wrongly without a word, or refused without saying why.
+    "a column before its row": by_time(lambda r, c: f"col{c}_{r}", "text"),
+    "x and y": by_time(lambda r, c: f"x{c}y{r}", "text"),
+    "c and two numbers": by_time(lambda r, c: f"c{c}_{r}", asks="--taxels"),
+    "a number before row and column": by_time(lambda r, c: f"left2_r{r}c{c}", "columns"),
+    "two sensors that look like rows": by_time(lambda r, c: f"p{r // 2}_{r % 2 * COLS + c}", asks="--rows"),
+    "mN": Case(
+        "a.csv", table(lambda r, c: f"r{r}c{c} [mN]", {"t": seconds()}), {}, FRAMES / 1e3, unit="newtons"
+    ),
+    "kohm": Case(
+        "a.csv", table(lambda r, c: f"r{r}c{c}_kohm", {"t": seconds()}), {}, FRAMES * 1e3, unit="ohm"
+    ),
+    "a unit that nobody knows": Case(
+        "a.csv", table(lambda r, c: f"r{r}c{c} (pt)", {"t": seconds()}), says='"pt"'
+    ),
+    "a date and a clock": Case("a.csv", table(flat, DAYS), SIZE, time_s=90_000.0 * np.arange(COUNT)),
+    "seconds and microseconds": Case("a.csv", table(flat, PARTS), SIZE, time_s=1.02 * np.arange(COUNT)),
+    "a clock and ms": Case(
+        "a.csv", table(flat, {"time": ["23:59:59"] * COUNT, "ms": [str(20 * n) for n in range(COUNT)]}), SIZE
+    ),
+    "days since 1900": csv(flat, EXCEL, "--time-unit"),
+    "a date that is read in two ways": csv(flat, {"time": ["03/04/2024 10:00:00"] * COUNT}, "--rate"),
+    "a counter that begins again": Case("a.csv", table(flat, AGAIN), SIZE, says="recordings joined"),
+    "another rate than the times": Case(
+        "a.csv",
+        table(flat, {"time_s": seconds()}),
+        SIZE | {"rate_hz": 100.0},
+        time_s=TIME / 2,
+        says="overrules",
+    ),
+    "a mark of thousands": Case("a.csv", THOUSANDS, SIZE | RATE, asks="thousands"),
+    "cut in its last number": Case("a.csv", CUT_TEXT, SIZE | RATE, CUT, says="cut off"),
+    "words at the end": Case("a.csv", table(flat) + "Stopped by user\n", SIZE | RATE, asks="line 22"),
+    "-1 for a missing value": Case("a.csv", gap("-1"), SIZE | {"missing": -1.0}, without((3, 0, 5))),
+    "JSON": Case("a.json", '{"t": 0, "p": [1, 2]}\n' * COUNT, SIZE | RATE, asks="JSON"),
+    "an option of another kind of file": Case("a.csv", table(flat), SIZE | RATE | {"key": "p"}, asks="--key"),
+    "npy, column after column": Case(
+        "a.npy",
+        output.npy_bytes(FRAMES.transpose(0, 2, 1).reshape(COUNT, -1)),
+        SIZE | RATE | {"axes": ("frames", "cols", "rows")},
+    ),
+    "npy, frames on either axis": Case(
+        "a.npy", output.npy_bytes(np.zeros((ROWS, COLS, ROWS))), SIZE | RATE, asks="--axes"
+    ),
+    "Parquet, stamps of 1970": Case(
+        "a.parquet", parquet({"t": pd.to_datetime(TIME, unit="s"), **columns(flat)}), SIZE
+    ),
     # Names and orders.
     "names by columns": by_time(lambda r, c: f"r{r}c{c}", "columns"),
     "names descending": by_time(flat, "descending", **SIZE),
