@@ -125,6 +125,8 @@ def test_an_amplifier_reads_both_ways_and_an_adc_may_round_down() -> None:
         # Half a count is 3.3 / 1024 / 500 / 2 / 1 V x 7500 N ohm = 0.024 N, and the zero is half a count off.
         assert skin.decode(skin.read(force)).force_n == pytest.approx(force, abs=0.06)
         assert (skin.decode(np.full((ROWS, COLS), int(zero))).flags & ZERO).all()
+        # Far on the other side of the zero nothing is known.
+        assert np.isinf(skin.decode(np.full((ROWS, COLS), int(zero) - sign * 50)).high_n).all()
     for side in ("ground", "supply"):
         made = board(side=side, lateral_ohm=1e9, multiplexer_ohm=0.0)
         skin = Skin(scene(made, rounding="down"))

@@ -151,6 +151,10 @@ class Calibration:
         """Return codes that rise with current, for those of the board, or the reverse."""
         return self.code_max - codes.astype(np.int64) if self.falling else codes
 
+    def least_code(self) -> Floats:
+        """Return the least rising code [cols] that a column without current may read by noise and drift."""
+        return self.start_code - max(4.0, 0.002 * self.code_max) - 4.0 * self.noise_code
+
     def codes_of(self, current_a: Floats) -> NDArray[np.unsignedinteger]:
         """Return the codes [..., cols] that a board reads of column currents in ampere, without compression."""
         codes = np.floor(current_a / self.step_a + self.start_code + 0.5).clip(0, self.code_max)

@@ -479,6 +479,7 @@ class Decoder(Threaded):
         self.t_frame_s = float(t_frame_s)
         self._network = network = cal.array()
         self._off = [cal.array(mode) for mode in cal.modes]
+        self._least = cal.least_code()
         self._lumped = crosstalk.lumped(network) and not cal.divider
         v_bias_v, r_driven_ohm, *others = crosstalk.arguments(network)
         row_end, column_end = cal.cols * network.r_trace_row_ohm, cal.rows * network.r_trace_column_ohm
@@ -548,6 +549,8 @@ class Decoder(Threaded):
             state = self.memory.arrays()
             _decode_frames(self._known, frames, dt_s, self._modes, solved, solved_off, state, results)
             self.memory.passed(len(frames))
+        if (self._least > 0).any():  # of an amplifier; the chip and dividers read no less than 0
+            out.high_n[(frames < self._least).reshape(codes.shape)] = np.inf
         return out
 
     def conductances(self, codes: NDArray, network: Network) -> Floats:

@@ -562,6 +562,8 @@ class Table:
     def _by_names(self, chosen: list[int] | None, keys: list[int]):
         """Return order, columns by place (None: no taxel), shape or None, and True if a line is a frame."""
         layout, size = self.layout, self.layout.size
+        if layout.axes is not None:
+            raise self._ask("--axes", ",".join(map(str, layout.axes)), "left out: the names say the places")
         groups: dict[tuple[str, int], list[int]] = {}
         seen: Counter = Counter()
         for k in range(self.width) if chosen is None else chosen:

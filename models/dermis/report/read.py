@@ -209,9 +209,8 @@ def _decoded(skin: Skin, rec: Recording, codes: Codes, missing: Bools, dt: Float
 
 
 def _below_zero(known: calibration.Calibration, codes: Codes, present: Bools) -> verdict.Row:
-    """Judge codes on the other side of that of no current; noise and drift may be a few counts."""
-    least = known.start_code - max(4.0, 0.002 * known.code_max) - 4.0 * known.noise_code
-    share = float((known.rising(codes) < least)[present].mean())
+    """Judge codes on the other side of that of no current."""
+    share = float((known.rising(codes) < known.least_code())[present].mean())
     why = "a wrong counts, side or zero_count of [front_end]" if share else ""
     return verdict.within("read.below_zero_share", share, "1", None, SATURATED_MAX, why)
 
