@@ -21,7 +21,7 @@ def test_a_kind_of_file(tmp_path: Path, name: str) -> None:
     [
         (recording_bag, "_multi_array", lambda path, layout, data, size: data, "Int16MultiArray, padding"),
         (recording_bag, "_image", lambda path, said: said["data"].reshape(said["height"], -1), "32FC1"),
-        (recording_text, "_STAMP", recording_text.re.compile("never"), "labels with times"),
+        (recording_text, "STAMP", recording_text.re.compile("never"), "labels with times"),
         (recording_text, "time_unit_of", lambda name: "s", "time_ms"),
         (recording_parquet.Columns, "_parts", lambda self, name, lists: {}, "Parquet, rows of lists"),
         (recording, "_gaps", lambda path, frames, gaps: np.nan_to_num(frames), "missing cell -"),

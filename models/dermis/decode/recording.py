@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dermis.decode import recording_bag, recording_parquet
+from dermis.decode import recording_bag, recording_maker, recording_parquet
 from dermis.decode import recording_text as text
 from dermis.decode.recording_text import Found, Layout, warn
 from dermis.errors import InputError, counted, optional
@@ -99,7 +99,7 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     elif suffix in BINARY:
         found = _parsed(path, lambda: _binary(path, data, suffix, layout))
     else:
-        found = text.read(path, data, layout)
+        found = recording_maker.read(path, data, layout)
     frames = _shaped(path, found, layout)
     absent = np.isnan(frames).all(axis=0)
     if layout.missing is not None:

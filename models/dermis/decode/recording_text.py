@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of text: marks, names of columns, frames with boundaries, and exports of Tekscan and XSENSOR."""
+"""Tables of text: marks, names of columns, frames with boundaries."""
 
 import codecs
 import contextlib
@@ -10,7 +10,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -30,7 +30,7 @@ _TIME_UNIT = re.compile(
     r"(?P<ms>m)(?:s|secs?|illis?|illisecs?|illiseconds?)|(?P<s>s)(?:ecs?|econds?)?|(?P<min>min)(?:s|utes?)?|"
     r"(?P<h>h)(?:rs?|ours?)?|(?P<d>d)(?:ays?)?)[\])]?"
 )
-_NUMBER = r"((?:\d+[.,]?\d*|(?<![\w)])[.,]\d+)(?:[eE][-+]?\d+)?)"
+NUMBER = r"((?:\d+[.,]?\d*|(?<![\w)])[.,]\d+)(?:[eE][-+]?\d+)?)"
 _OTHER = re.compile(
     r"(sum|tot|cop|cent|flag|stat|imu|acc|gyro|mag|quat|temp|seq|ind|idx|id$|frame|count|no$|nr$|n$|unnamed|crc|area|peak|"
     r"max|min|mean|av|std|label|date|volt|batt|sync|trig|event|header|row$|col)",
@@ -45,16 +45,14 @@ _MARKS = {
 _EMPTY = {"", "-", "--", "null", "none", "nan", "na", "n/a", "#n/a", "nil", "missing", "b"}
 """Cells without a value; Tekscan writes B where there is no sensel."""
 _COUNTER = re.compile(r"(.*[._ /])?(seq|frame(_?(no|nr|number|id))?|counter|sample|index|idx)", re.IGNORECASE)
-_LABEL = re.compile(r"[\W_]*frame\b[\W_]*(\d{1,9})(.*)", re.IGNORECASE)
+LABEL = re.compile(r"[\W_]*frame\b[\W_]*(\d{1,9})(.*)", re.IGNORECASE)
 _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-_STAMP = re.compile(_NUMBER + r"\s*(m?s)(ec\w*)?\b")
+STAMP = re.compile(NUMBER + r"\s*(m?s)(ec\w*)?\b")
 """Seconds or milliseconds in the label of a frame."""
-_CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
+CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
 _DATE = re.compile(r"\d{4}-\d\d-\d\d|\d{1,2}\.\d{1,2}\.\d{2,4}")
 """A date in a column beside that of the clock."""
 PER_SECOND = {"ms": 10**3, "us": 10**6, "ns": 10**9}
-# Forces of 1 N have two digits behind the point.
-_MARGIN = 0.02
 _NUMBERS_SURE = 16
 """A first line 0, 1, 2, ... of fewer values may be a frame, and is asked for."""
 
@@ -73,16 +71,9 @@ _RAW = ("counts", "count", "adc", "raw", "lsb", "code", "codes", "bit", "bits", 
 """Units of readings that are no physical ones."""
 _UNIT = re.compile(r"[\[(]([^\])\d]*[^\W\d][^\])\d]*2?)[\])]$|\d[ _.]+([^\W\d_]+)$")
 """Unit at the end of the name of a taxel: in brackets, or after its number."""
-_MM = {
-    "mm": 1.0, "millimeters": 1.0, "cm": 10.0, "centimeters": 10.0, "m": 1e3, "meters": 1e3, "in": 25.4, "inch": 25.4,
-    "inches": 25.4,
-}  # fmt: skip
 KNOWN = "npy, npz, mat, HDF5 and bags are known by their suffix"
 PLACES_MAX = 1 << 16
 """The largest array: 256 x 256."""
-_ROW = re.compile(r"(?!.*[a-zA-DF-Z]{2})[-+.\dB]")
-"""Beginning of a row of numbers: no words; E may be an exponent, B a place without a sensel."""
-_PICTURE = re.compile(r"\W*pict-?no\.?:?\s*(\d{1,9})", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -179,25 +170,6 @@ def decoded(path: Path, data: bytes) -> str:
     raise InputError(path, f"byte {at}", "no text", f"a text; {KNOWN}")
 
 
-def read(path: Path, data: bytes, layout: Layout) -> Found:
-    """Read a text; InputError where it leaves a question open."""
-    said = decoded(path, data)
-    lines = said.splitlines()
-    if re.match(r"\s*(\{|\[\s*\{)", said):
-        raise InputError(path, "file", "JSON", f"a table with a line for a frame, as csv; {KNOWN}")
-    head = [line.strip(' ",;\t').lower() for line in lines[:4000]]
-    if any(h.startswith("rows") for h in head) and any(_LABEL.match(h) for h in head):
-        return _maker(path, lines, layout)
-    if any(_PICTURE.match(line) for line in lines):
-        return _emed(path, lines, layout)
-    table = Table(path, lines, layout)
-    found, ends = table.found(), [row[-1] for row in table.sample]
-    before = [len(cell) for cell in ends[: min(20, table.count - 1)]]
-    if not said.endswith(("\n", "\r")) and len(ends[-1]) < min(before, default=0):
-        warn(path, f"the last line ends with {quoted(ends[-1])} and no new line: cut off?")
-    return found
-
-
 # ---- cells
 
 
@@ -215,12 +187,12 @@ def _bare(cells: list[str]) -> list[str]:
     return [cell.strip(" []()") for cell in cells]
 
 
-def _decimal(number: str) -> float:
+def decimal(number: str) -> float:
     """Return a number with a decimal point or comma."""
     return float(number.replace(",", "."))
 
 
-def _bounded(path: Path, values: int) -> None:
+def bounded(path: Path, values: int) -> None:
     if values > VALUES_MAX:
         raise InputError(path, "values", values, f"at most {VALUES_MAX}")
 
@@ -230,13 +202,13 @@ def number_of(cell: str) -> float:
     if cell.lower() in _EMPTY:
         return math.nan
     if _COMMA.fullmatch(cell):
-        return _decimal(cell)
+        return decimal(cell)
     if "_" in cell:  # float() takes 1_000
         raise ValueError
     return float(cell)
 
 
-def _is(cell: str, read=number_of) -> bool:
+def is_number(cell: str, read=number_of) -> bool:
     try:
         read(cell)
     except ValueError:
@@ -244,15 +216,15 @@ def _is(cell: str, read=number_of) -> bool:
     return True
 
 
-def _stamp(cell: str) -> float:
+def seconds_of(cell: str) -> float:
     """Return seconds of a clock, or of a date and time; ValueError for other text."""
     dotted = re.match(r"(\d{1,2})\.(\d{1,2})\.(\d{4}|\d\d)\b(.*)", cell)
     if dotted:
         day, month, year, rest = dotted.groups()
         cell = f"{year if len(year) == 4 else '20' + year}-{month:0>2}-{day:0>2}{rest}"
         cell = re.sub(r"(:\d\d),(\d+)$", r"\1.\2", cell)
-    if clock := _CLOCK.fullmatch(cell.strip()):
-        return int(clock[1]) * 3600 + int(clock[2]) * 60 + _decimal(clock[3])
+    if clock := CLOCK.fullmatch(cell.strip()):
+        return int(clock[1]) * 3600 + int(clock[2]) * 60 + decimal(clock[3])
     cell = re.sub(r"\s+(?=[+-]\d\d:?\d\d$)", "", cell)
     time = datetime.fromisoformat(cell) if re.search(r"\D\d\d:\d\d", cell) else None
     if time is None:
@@ -296,14 +268,14 @@ class Table:
         self.path, self.layout = path, layout
         filled = [(n, line) for n, line in enumerate(lines, 1) if line.strip(" \t,;")]
         data = [line for _, line in filled if not _is_comment(line)]
-        ends = [line for line in data if not _LABEL.match(line)][-20:] or data[-1:]
+        ends = [line for line in data if not LABEL.match(line)][-20:] or data[-1:]
         self.mark = Counter(map(_mark_of, ends)).most_common(1)[0][0] if ends else None
         start = next((k for k, (_, line) in enumerate(filled) if self._starts(line)), len(filled))
         self.head, self.lines = [line for _, line in filled[:start]], filled[start:]
         self.block, self.label = self._blocks(lines)
         if not self.lines and len(data) > 1:
             number, line = next((n, line) for n, line in filled[1:] if line in data)
-            bad = next((c for c in _bare(cells_of(line, self.mark)) if c and not _is(c)), line)
+            bad = next((c for c in _bare(cells_of(line, self.mark)) if c and not is_number(c)), line)
             raise self._ask(f"line {number}", quoted(one_line(bad, 40)), "numbers as 0.5 or 0,5, and a time")
         if not self.lines:
             raise self._ask("lines", "a header only" if filled else 0, "at least one line of numbers")
@@ -325,7 +297,7 @@ class Table:
     @functools.cached_property
     def words(self) -> list[int]:
         """Columns without a number."""
-        return [k for k in range(self.width) if not any(_is(row[k]) for row in self.sample)]
+        return [k for k in range(self.width) if not any(is_number(row[k]) for row in self.sample)]
 
     def _ask(self, key: str, value: object, allowed: str) -> InputError:
         return InputError(self.path, key, value, allowed)
@@ -334,11 +306,11 @@ class Table:
         return self._ask("header", value, f"{allowed}, or --taxels FIRST..LAST by number")
 
     def _starts(self, line: str) -> bool:
-        if _is_comment(line) or _LABEL.match(line):
+        if _is_comment(line) or LABEL.match(line):
             return False
         filled = [cell for cell in _bare(cells_of(line, self.mark)) if cell]
-        good = sum(map(_is, filled))
-        return good > len(filled) / 2 or (good > 0 and any(_is(c, _stamp) for c in filled))
+        good = sum(map(is_number, filled))
+        return good > len(filled) / 2 or (good > 0 and any(is_number(c, seconds_of) for c in filled))
 
     def _cells(self, line: str) -> list[str]:
         cells = _bare(cells_of(line, self.mark))
@@ -350,10 +322,10 @@ class Table:
         known = dict(self.lines)
         first = min(known, default=len(lines) + 1)
         # Blank lines part no frames that have labels: XSENSOR has one after every row.
-        labelled = sum(_LABEL.match(line) is not None for line in lines) > 1
-        early = [line for line in self.head if _LABEL.match(line)][-1:] if known else []
+        labelled = sum(LABEL.match(line) is not None for line in lines) > 1
+        early = [line for line in self.head if LABEL.match(line)][-1:] if known else []
         for n, line in [(0, line) for line in early] + list(enumerate(lines[first - 1 :], first)):
-            label = _LABEL.match(line)
+            label = LABEL.match(line)
             words = line.split(None, 1)[:1] if block and n in known and line.lstrip()[:1].isalpha() else []
             if words and is_time(words[0]) and not self._starts(line) and line not in self.head:
                 warn(self.path, f"another table begins at line {n}, and is left out: {one_line(line, 40)}")
@@ -366,9 +338,9 @@ class Table:
                 continue
             number += bool(block) and block[-1] == number and (bool(label) or not labelled)
             if label:
-                stamp = _STAMP.search(label[2])
+                stamp = STAMP.search(label[2])
                 scale = 1e-3 if stamp and stamp[2] == "ms" else 1.0
-                labels[number] = int(label[1]), _decimal(stamp[1]) * scale if stamp else math.nan
+                labels[number] = int(label[1]), decimal(stamp[1]) * scale if stamp else math.nan
         self.lines = kept
         return np.array(block, int), labels
 
@@ -401,7 +373,7 @@ class Table:
             if lists and len(names) == width:
                 return names
         last = next((h for h in reversed(self.head) if not _is_comment(h)), "")
-        short = len(cells_of(last, self.mark)) > 1 and not _LABEL.match(last)
+        short = len(cells_of(last, self.mark)) > 1 and not LABEL.match(last)
         numbered = self.layout.header is not False and not (short and len(plain) < _NUMBERS_SURE)
         if numbered and self._is_numbered(plain):
             self.lines, self.block = self.lines[1:], self.block[1:]
@@ -426,19 +398,19 @@ class Table:
         """Return True for a first line of numbers of columns: 0, 1, 2, ... or 1, 2, 3, ..."""
         numbers = Counter(int(c) for c in cells if re.fullmatch(r"\d{1,6}", c))
         words = [c for c in cells if not re.fullmatch(r"\d{1,6}", c)]
-        if len(numbers) < 2 or len(set(numbers.values())) > 1 or any(_is(c) and c for c in words):
+        if len(numbers) < 2 or len(set(numbers.values())) > 1 or any(is_number(c) and c for c in words):
             return False
         consecutive = min(numbers) in (0, 1) and max(numbers) - min(numbers) + 1 == len(numbers)
         # Beside a name, as novel writes time[secs] and the numbers of its sensors, any numbers that rise are names.
         if not consecutive and not (any(words) and list(numbers) == sorted(numbers)):
             return False
         below = self._cells(self.lines[1][1]) if len(self.lines) > 1 else []
-        if words and any(not _is(c) or not c for c in below[:1] if not words[0]):
+        if words and any(not is_number(c) or not c for c in below[:1] if not words[0]):
             return False
         if self.layout.header:
             return True
         if words and len(below) == len(cells):
-            return any(_is(b) and b for b, c in zip(below, cells, strict=True) if c in words)
+            return any(is_number(b) and b for b, c in zip(below, cells, strict=True) if c in words)
         steps: set[float] = set()
         with contextlib.suppress(ValueError):  # a cell of text below
             steps = {number_of(b) - number_of(a) for a, b in zip(cells, below, strict=False)}
@@ -464,7 +436,7 @@ class Table:
             for words in (("row", "r"), ("frame", "frame_id", "sample"))
         )
         extra = [k for k in (row_key, frame_key) if k is not None]
-        _bounded(self.path, self.count * len(columns))
+        bounded(self.path, self.count * len(columns))
         table, moments = self._parsed([*extra, *(c for c in columns if c is not None)], keys)
         values = np.full((self.count, len(columns)), np.nan)
         values[:, [n for n, c in enumerate(columns) if c is not None]] = table[:, len(extra) :]
@@ -516,7 +488,11 @@ class Table:
                 return [int(key)]
             allowed = "a name of the header, or a number of a column from 0: " + ", ".join(names[:8])
             raise self._ask("--time-key", key, allowed)
-        timed = [k for k in range(self.width) if _is(first[k], _stamp) or (_is(first[k]) and first[k])]
+        timed = [
+            k
+            for k in range(self.width)
+            if is_number(first[k], seconds_of) or (is_number(first[k]) and first[k])
+        ]
         if names:
             counts = Counter(_template(name)[0] for name in names)
             alone = [k for k in range(self.width) if is_time(names[k]) and counts[_template(names[k])[0]] < 4]
@@ -528,14 +504,16 @@ class Table:
                 allowed = "a number, a clock, or a date as 2024-03-04 12:00:00; or --rate"
                 raise self._ask(names[alone[0]], quoted(first[alone[0]]), allowed)
             return named[:1]
-        stamps = [k for k in timed if not _is(first[k])]
+        stamps = [k for k in timed if not is_number(first[k])]
         if stamps:
             return self._with_parts(stamps[0])
         # Whole seconds since 1970 with nanoseconds beside them, or a stamp since 1970: no taxel has 1e9.
         columns = [[row[k] for row in self.sample] for k in range(min(4, self.width))]
         whole = [all(re.fullmatch(r"\d+", c) for c in column) for column in columns]
         for k, column in enumerate(columns):
-            if (chosen is None or k not in chosen) and all(_is(c) and number_of(c) > 1e9 for c in column):
+            if (chosen is None or k not in chosen) and all(
+                is_number(c) and number_of(c) > 1e9 for c in column
+            ):
                 after = columns[k + 1] if all(whole[k : k + 2]) and k + 1 < len(columns) else ["0"]
                 fine = len(column[0]) == 10 and 1e6 < max(map(int, after)) < 10**9
                 return [k, k + 1] if fine else [k]
@@ -544,7 +522,7 @@ class Table:
     def _with_parts(self, k: int) -> list[int]:
         """Return the columns of a time: the date before its clock, or the part of a second after its whole seconds."""
         cells, others = [row[k] for row in self.sample], range(self.width)
-        if all(map(_CLOCK.fullmatch, cells)):
+        if all(map(CLOCK.fullmatch, cells)):
             for j in others:
                 if all(_DATE.fullmatch(row[j]) for row in self.sample):
                     return [j, k]
@@ -740,7 +718,7 @@ class Table:
             per_s = PER_SECOND[(self.names and _unit_in(self.names[keys[1]])[1]) or "ns"]
             if not all(re.fullmatch(r"(\d{1,12}|\d+:\d\d:\d\d) \d{1,9}", " ".join(row)) for row in moments):
                 raise self._ask("time", " ".join(moments[0]), "whole seconds and a part, or --time-key")
-            seconds = [int(s) if s.isdigit() else int(_stamp(s)) for s in cells]
+            seconds = [int(s) if s.isdigit() else int(seconds_of(s)) for s in cells]
             ticks = [s * per_s + int(row[1]) for s, row in zip(seconds, moments, strict=True)]
             if max(int(row[1]) for row in moments) >= per_s:
                 raise self._ask(
@@ -750,8 +728,8 @@ class Table:
             found.time_unit = "s"
             return
         filled = [c for c in cells if c.lower() not in _EMPTY]
-        read = number_of if not filled or _is(filled[0]) else _stamp
-        if bad := next((c for c in filled if not _is(c, read)), None):
+        read = number_of if not filled or is_number(filled[0]) else seconds_of
+        if bad := next((c for c in filled if not is_number(c, read)), None):
             raise self._ask("time", quoted(bad), "a date and time, a clock, or a number, in every line")
         if whole and abs(int(cells[0])) > 2**52:
             # Differences of whole stamps are exact; a double holds nanoseconds since 1970 to 256 ns.
@@ -759,7 +737,7 @@ class Table:
             found.time = np.array([int(c) - int(cells[0]) for c in cells], dtype=float)
         else:
             found.time = np.array([math.nan if c.lower() in _EMPTY else read(c) for c in cells])
-        if read is _stamp:
+        if read is seconds_of:
             found.time, found.time_unit = past_midnight(found.time), "s"
         elif self.names:
             found.time_unit = time_unit_of(self.names[keys[0]])
@@ -793,7 +771,7 @@ class Table:
         new = np.diff(place) <= 0 if frame is None else np.diff(frame) != 0
         index = np.concatenate([[0], np.cumsum(new)]).astype(int)
         rows, width = self.layout.rows or int(place.max()) + 1, found.values.shape[1]
-        _bounded(self.path, (int(index[-1]) + 1) * rows * width)
+        bounded(self.path, (int(index[-1]) + 1) * rows * width)
         if place.max() >= rows:
             raise self._ask("row", int(row.max()), f"{rows} rows, as --rows says")
         filled = np.zeros((index[-1] + 1, rows), int)
@@ -875,122 +853,3 @@ def _mark_of(line: str) -> str | None:
     if "," in line and re.search(r"\d,\d+\s+[-+\d]", line) and not re.search(r",\s", line):
         return None  # 0,5 1,5: decimal commas between spaces
     return "," if "," in line else None
-
-
-# ---- makers
-
-
-def _maker(path: Path, lines: list[str], layout: Layout) -> Found:
-    """Read an export of Tekscan or XSENSOR: a header of keys, and a table parted by `Frame n`."""
-    said: dict[str, str] = {}
-    kept, parts = [""] * len(lines), {}
-    at, part = None, ""  # last label; sensor, or None in a group
-    known = re.compile(
-        r"(rows|cols|columns|row_spacing|col_spacing|sensel_area|seconds_per_frame|units|sensel width|sensel height)"
-        r"\b[\s\",;:=]*(.*)", re.IGNORECASE,
-    )  # fmt: skip
-    for n, raw in enumerate(lines):
-        line = raw.strip(' \t",;')
-        if label := _LABEL.match(line):
-            stamp = _STAMP.search(label[2])
-            kept[n], at, part = f"#frame:{label[1]}" + (f"({stamp[0]})" if stamp else ""), n, ""
-        elif match := known.match(line):
-            said.setdefault(match[1].lower().replace("columns", "cols"), match[2])
-        elif at is not None and line.lower().startswith(("sensor", "group")):
-            part = None if line.lower().startswith("group") else line[7:].strip(" ,;\t")
-        elif at is not None and line.lower().startswith("time") and (clock := _CLOCK.search(line)):
-            kept[at] += f"({_stamp(clock[0])!r}s)"
-        elif None not in (at, part) and _ROW.match(line):
-            parts.setdefault(part, []).append(n)
-    try:
-        rows, cols = (int(re.split(r"\D", said[name])[0]) for name in ("rows", "cols"))
-    except (KeyError, ValueError):
-        allowed = "whole numbers of both in the header"
-        raise InputError(path, "rows, cols", ", ".join(said) or "nothing", allowed) from None
-    if (layout.part is None and len(parts) != 1) or (layout.part or 1) > len(parts):
-        listed = ", ".join(f"{n} {part}" for n, part in enumerate(parts, 1)) or "none"
-        raise InputError(path, "sensors", one_line(listed, 200), f"--part 1..{len(parts)}")
-    chosen = list(parts)[(layout.part or 1) - 1]
-    for n in parts[chosen]:
-        kept[n] = lines[n].rstrip(" \t,;")
-    found = Table(path, kept, replace(layout, rows=rows, cols=cols, header=False)).found()
-    found.shape, found.order = (rows, cols), "row by row, as the maker writes them"
-    found.ignored = [f"sensor {part}" for part in parts if part != chosen]
-    step = re.match(_NUMBER, said.get("seconds_per_frame", ""))
-    if step and found.time is None and found.number is not None:
-        found.time, found.time_from = found.number * _decimal(step[0]), "seconds_per_frame"
-        found.time_unit = "s"
-    found.area_mm2 = _area(said)
-    found.scale(said.get("units", ""))
-    return found
-
-
-def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
-    """Read a list of novel emed: pictures with numbers of rows and columns at their margins, and sums as Force."""
-    numbers: list[int] = []
-    entries: list[tuple[int, int, int, float]] = []  # picture, row, column, value
-    columns: list[str] = []
-    sums: list[tuple[float, float]] = []
-    inside = False
-    for number, line in enumerate(lines, 1):
-        cells = line.replace(",", ".").split()
-        if match := _PICTURE.match(line):
-            if numbers[-1:] != [int(match[1])]:  # else another page of the same picture
-                numbers.append(int(match[1]))
-            columns, inside = [], True
-        elif inside and not columns:
-            columns = cells if all(re.fullmatch(r"[0-9]{1,5}|Force", c) for c in cells) else []
-        elif inside and cells and re.fullmatch(r"[0-9]{1,5}", cells[0]):
-            if len(cells) != len(columns) + 1 or not all(map(_is, cells)):
-                said = f"a row and {len(columns)} values"
-                raise InputError(path, f"line {number}", one_line(line, 40), said)
-            row, *values = map(float, cells)
-            for column, value in zip(columns, values, strict=True):
-                if column == "Force":
-                    sums.append((sum(values[:-1]), value))
-                else:
-                    entries.append((len(numbers) - 1, int(row), int(column), value))
-        elif columns:
-            inside = False
-    if not entries:
-        raise InputError(path, "pictures", 0, "a picture with numbers of rows and columns")
-    picture, *place = np.array([entry[:3] for entry in entries]).T
-    low, high = np.min(place, axis=1), np.max(place, axis=1)
-    rows, cols = (high - low + 1).tolist()
-    if (layout.rows or rows, layout.cols or cols) != (rows, cols):
-        low, (rows, cols) = np.array([1, 1]), (layout.rows or high[0], layout.cols or high[1])
-        if (high > (rows, cols)).any():
-            raise InputError(path, "--rows, --cols", f"{rows}, {cols}", f"at least {high[0]} and {high[1]}")
-    _bounded(path, len(numbers) * rows * cols)
-    # A picture shows the part that is pressed.
-    frames = np.zeros((len(numbers), rows, cols))
-    frames[picture, place[0] - low[0], place[1] - low[1]] = [entry[3] for entry in entries]
-    found = Found(frames, number=np.array(numbers, dtype=float), shape=(rows, cols))
-    found.order = f"by the numbers at the margins, rows from {low[0]} and columns from {low[1]}"
-    found.ignored = ["Force"]
-    head = " ".join(lines[: next(n for n, line in enumerate(lines) if _PICTURE.match(line))])
-    if step := re.search(rf"Time(?:/| per )picture:?\s*{_NUMBER}\s*(m?s)", head):
-        found.time, found.time_from = found.number * _decimal(step[1]), "time per picture"
-        found.time_unit = step[2]
-    if size := re.search(rf"Sensor size\D*{_NUMBER}\s*(?:mm|cm)?\s*[x*]\s*{_NUMBER}\s*(mm|cm)", head):
-        found.area_mm2 = math.prod(_decimal(side) * _MM[size[3]] for side in size.groups()[:2])
-        # The margins have newtons, so they tell the unit of the values.
-        known = [force / total for total, force in sums if force > 1]
-        unit_n = np.median(known) / found.area_mm2 if known else 0.0
-        factor = next((f for f in (1.0, 10.0) if abs(unit_n * 1e3 / f - 1) < _MARGIN), None)
-        if factor is not None:
-            found.values, found.unit = frames * factor, "kpa"
-    return found
-
-
-def _area(said: dict[str, str]) -> float | None:
-    """Return the area of a sensel in mm2 from the header of a maker."""
-    found = {}
-    for key in ("row_spacing", "col_spacing", "sensel height", "sensel width", "sensel_area"):
-        text = said.get(key, "").lower()
-        number, unit = re.search(_NUMBER, text), re.search(r"[a-z]+", re.sub(_NUMBER, "", text))
-        if number and unit and unit[0] in _MM:
-            found[key] = _decimal(number[0]), _MM[unit[0]]
-    if "sensel_area" in found:
-        return found["sensel_area"][0] * found["sensel_area"][1] ** 2
-    return math.prod(side * mm for side, mm in [*found.values()][:2]) if len(found) >= 2 else None
