@@ -410,7 +410,11 @@ class Table:
         if self.layout.header:
             return True
         if words and len(below) == len(cells):
-            return any(is_number(b) and b for b, c in zip(below, cells, strict=True) if c in words)
+            under = [b for b, c in zip(below, cells, strict=True) if c in words]
+            if any(is_number(b) and b for b in under):
+                return True
+            if under == words:
+                return False
         steps: set[float] = set()
         with contextlib.suppress(ValueError):  # a cell of text below
             steps = {number_of(b) - number_of(a) for a, b in zip(cells, below, strict=False)}

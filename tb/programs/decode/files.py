@@ -99,8 +99,8 @@ def text_file(choose: Choose) -> tuple[bytes, dict[str, Any], np.ndarray, np.nda
                 lines.append(part.format(n))
             lines += [mark.join(map(shown, values[n, r])) for r in range(rows) if n * rows + r not in lost]
         values.reshape(-1, cols)[list(lost)] = np.nan
-        if part is not None:
-            values[np.isnan(values).any(axis=(1, 2))] = np.nan
+        if part is not None:  # a block of fewer lines is a lost frame
+            values[[k // rows for k in lost]] = np.nan
         options["rate_hz"] = 1 / T_FRAME_S
         return "\n".join(lines).encode(), options, values, T_FRAME_S * np.arange(frames)
     name = functools.partial(name_of, choose(NAMES), cols)

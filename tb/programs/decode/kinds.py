@@ -409,6 +409,7 @@ CASES: dict[str, Case] = {
     "x and y": by_time(lambda r, c: f"x{c}y{r}", "text"),
     "c and two numbers": by_time(lambda r, c: f"c{c}_{r}", asks="--taxels"),
     "a number before row and column": by_time(lambda r, c: f"left2_r{r}c{c}", "columns"),
+    "numbers as names, and a column of words": csv(lambda r, c: flat(r, c, ""), {"sum": ["palm"] * COUNT}),
     "two sensors that look like rows": by_time(lambda r, c: f"p{r // 2}_{r % 2 * COLS + c}", asks="--rows"),
     "mN": Case(
         "a.csv", table(lambda r, c: f"r{r}c{c} [mN]", {"t": seconds()}), {}, FRAMES / 1e3, unit="newtons"
