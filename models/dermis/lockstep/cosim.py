@@ -21,6 +21,7 @@ from dermis.lockstep.clock_loop import ClockLoop, width
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
 
 RESET_CLOCKS = 3
+START_TRIES = 1000  # to find a time that is clear of the edges of all clocks
 IDLE_STEPS = 100  # without a clock, the HDL is met after so many of the largest steps without a crossing
 END_S = 1e3  # end of the transient: no run is as long
 
@@ -227,13 +228,17 @@ class Cosim:
             allowed = "below half of the time between edges, for comparators that are crossings"
             raise self._wrong("settle_s", self._settle_s, allowed)
         await Timer(settle, unit="step")
-        for _ in range(longest):
+        for _ in range(START_TRIES):
             since = cocotb.utils.get_sim_time("step") - began
             # from the last edge of each clock to now
             passed = [(since + n // 2) % gap for n, gap in zip(periods.values(), between, strict=True)]
-            if all(settle <= past < gap - ahead for past, gap in zip(passed, between, strict=True)):
+            waits = [
+                0 if settle <= past < gap - ahead else (settle - past) % gap
+                for past, gap in zip(passed, between, strict=True)
+            ]
+            if not any(waits):
                 break
-            await Timer(1, unit="step")
+            await Timer(max(waits), unit="step")
         one = len(periods) == 1  # whose edges are multiples of its period to the last digit
         shortest_s = min((drive.edge_s for drive in self._inputs.values()), default=self._step_s)
         times = {
