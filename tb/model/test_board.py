@@ -100,6 +100,8 @@ def test_a_session_calibrates_a_board_and_the_command_reads_its_counts(tmp_path:
     known.save(tmp_path / "sheet.toml")
     again = calibration.load(tmp_path / "sheet.toml")
     assert (again.falling, again.divider, again.code_max) == (side == "supply", True, 4095)
+    with pytest.raises(InputError, match="of another board"):
+        Skin(scene(made, resistor_ohm=330.0), calibration=again)
     # Four readings of a count each.
     assert again.noise_code == pytest.approx(0.3, rel=0.2)
     force = touches(rng, 12, ROWS, COLS)

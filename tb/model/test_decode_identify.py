@@ -272,6 +272,7 @@ def test_the_command_writes_a_calibration_and_sees_a_drift(tmp_path: Path) -> No
         ('force_n = "force_0.npy"', 'force_n = "minus.npy"', "forces from 0"),
         ('force_n = "force_0.npy"', 'force_n = "kpa.csv"', "in kpa"),
         ('force_n = "force_0.npy"', 'force_n = "two.npy"', "2 frames that differ"),
+        ('file = "codes_0.npy"', 'file = "put_on.npy"', "under a steady load"),
     ],
 )
 def test_a_session_that_is_wrong_is_refused_in_one_line(
@@ -284,6 +285,8 @@ def test_a_session_that_is_wrong_is_refused_in_one_line(
     force = loads()[0].force_n
     np.save(tmp_path / "minus.npy", -force)
     np.save(tmp_path / "two.npy", np.array([force, 2 * force]))
+    codes = np.load(tmp_path / "codes_0.npy")
+    np.save(tmp_path / "put_on.npy", np.concatenate([0 * codes[:1], codes]))
     names = ",".join(f"r{r}c{c} (kPa)" for r, c in np.ndindex(force.shape))
     (tmp_path / "kpa.csv").write_text(f"{names}\n{','.join(map(str, force.ravel()))}\n")
     with pytest.raises(InputError) as error:

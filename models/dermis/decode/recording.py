@@ -159,7 +159,7 @@ def _gaps(path: Path, frames: Floats, gaps: str) -> Floats:
 
 
 def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
-    time, name, reversed_axes = None, None, False
+    time, name, reversed_axes, time_unit, unit = None, None, False, "", ""
     if suffix == ".npy":
         values = npy_array(data, path.name, "biuf")
     else:
@@ -174,16 +174,24 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
             file = optional("h5py", "recordings").File(io.BytesIO(data), "r")
             file.visititems(lambda n, item: sets.update({n: item}) if hasattr(item, "dtype") else None)
         values, time, name = _chosen(path, sets, layout)
-        unit = getattr(time, "attrs", {}).get("units", b"")
-        stated = text.time_unit_of(unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit))
+        time_unit, unit = _unit_of(time), _unit_of(values)
     values = np.asarray(values).T if reversed_axes else np.asarray(values)
     if values.dtype.kind not in "biuf":
         raise InputError(path, "--key", str(values.dtype), "an array of real numbers")
     time = None if time is None else np.asarray(time, dtype=float).ravel()
     found = Found(np.asarray(values, dtype=float), time, binary=True)
     if name is not None:
-        found.time_unit, found.time_from = text.time_unit_of(name) or stated, name
+        found.time_unit, found.time_from = text.time_unit_of(name) or text.time_unit_of(time_unit), name
+    if unit and not found.scale(unit):
+        warn(path, f"{unit} is no unit that is known: values are taken as they are")
     return found
+
+
+def _unit_of(item: Any) -> str:
+    """Return the unit that a data set of HDF5 states, or nothing."""
+    attributes = getattr(item, "attrs", {})
+    unit = attributes.get("units", attributes.get("unit", ""))
+    return unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
 
 
 def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
@@ -438,8 +446,11 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
 
 
 def _warn_of_other_times(path: Path, found: Found, frames: int, rate_hz: float) -> None:
-    """Warn of times in the file that `--rate` overrules, if they are of another rate or of several recordings."""
-    if found.time is None or frames < 2 or found.time.size % frames:
+    """Warn of times in the file that `--rate` overrules, if they are of another rate or of several recordings.
+
+    An infinite rate says that no times are needed.
+    """
+    if found.time is None or frames < 2 or found.time.size % frames or np.isinf(rate_hz):
         return
     found.ignored.append(found.time_from)
     step = np.diff(np.ravel(found.time)[:: found.time.size // frames])

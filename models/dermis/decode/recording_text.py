@@ -21,7 +21,10 @@ from dermis.errors import InputError, one_line, quoted
 from dermis.ndarrays import Floats
 from dermis.scene.stimulus import VALUES_MAX
 
-_WORDS = r"time|t|ts|stamp|timestamp|elapsed|zeit|(nano|micro|milli)?seconds?|minutes|hours|mi(lli|cro)s|[nmu]?s(ecs?)?"
+_WORDS = (
+    r"times?|t|ts|stamp|timestamps?|datetime|elapsed|zeit|uhrzeit|minutes|hours|mi(lli|cro)s|[nmu]?s(ecs?)?"
+)
+_WORDS += "|(nano|micro|milli)?seconds?"
 _CLOCKED = rf"[%#]?(.*[./ _])?({_WORDS})"
 _TIME = re.compile(_CLOCKED + r"([ _.\[(].*)?", re.IGNORECASE)
 _BARE_TIME = re.compile(_CLOCKED, re.IGNORECASE)
@@ -50,8 +53,13 @@ _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 STAMP = re.compile(NUMBER + r"\s*(m?s)(ec\w*)?\b")
 """Seconds or milliseconds in the label of a frame."""
 CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
-_DATE = re.compile(r"\d{4}-\d\d-\d\d|\d{1,2}\.\d{1,2}\.\d{2,4}")
+_DATE = re.compile(r"\d{4}[-/]\d\d[-/]\d\d|\d{1,2}\.\d{1,2}\.\d{2,4}|\d{1,2}-[A-Za-z]{3}-\d{4}")
 """A date in a column beside that of the clock."""
+_DATED = re.compile(r"\d{1,4}[-/. ]\w{1,3}[-/. ]\d{1,4}|[A-Za-z]{3,9} \d{1,2}(,? \d{4})?")
+"""Any date, also one that may be read in two ways."""
+_MONTHS = "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"
+_DIGITS = re.compile(r"((?:19|20)\d\d)(\d\d)(\d\d)T?(\d\d)(\d\d)(\d\d(?:\.\d+)?)Z?")
+"""Date and time without marks, as in 20240304100000.02."""
 PER_SECOND = {"ms": 10**3, "us": 10**6, "ns": 10**9}
 _NUMBERS_SURE = 16
 """A first line 0, 1, 2, ... of fewer values may be a frame, and is asked for."""
@@ -177,7 +185,7 @@ def cells_of(line: str, mark: str | None) -> list[str]:
     """Split a line; brackets of lists are kept."""
     joint = mark or " "
     if '"' in line:
-        parts = r'"[^"\[]*(\[[^\]"]*\])[^"]*"'
+        parts = r'"[^"\[]*(\[(?:[^\]",;\s]+[,;\s]+){2,}[^\]"]*\])[^"]*"'  # a name may be p[0,1]
         line = re.sub(parts, lambda m: joint.join(re.split(r"[,;\s]+(?=[^\s\]])", m[1])), line)
     quoted_cells = '"' in line and next(csv.reader([line], delimiter=joint, skipinitialspace=True))
     return [cell.strip(' \t"') for cell in quoted_cells or line.split(mark)]
@@ -218,6 +226,15 @@ def is_number(cell: str, read=number_of) -> bool:
 
 def seconds_of(cell: str) -> float:
     """Return seconds of a clock, or of a date and time; ValueError for other text."""
+    if half := re.fullmatch(r"(.*?)(\d{1,2})(:\d\d:\d\d\S*)\s*([AP])M", cell, re.IGNORECASE):
+        cell = f"{half[1]}{int(half[2]) % 12 + 12 * (half[4] in 'pP'):02d}{half[3]}"
+    if digits := _DIGITS.fullmatch(cell):
+        cell = "{}-{}-{} {}:{}:{}".format(*digits.groups())
+    cell = re.sub(r"(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3", cell)
+    named = re.match(r"(\d{1,2})-([A-Za-z]{3})-(\d{4})(.*)", cell)
+    if named and named[2].lower() in _MONTHS:
+        month = _MONTHS.index(named[2].lower()) + 1
+        cell = f"{named[3]}-{month:02d}-{int(named[1]):02d}{named[4]}"
     dotted = re.match(r"(\d{1,2})\.(\d{1,2})\.(\d{4}|\d\d)\b(.*)", cell)
     if dotted:
         day, month, year, rest = dotted.groups()
@@ -266,6 +283,11 @@ class Table:
 
     def __init__(self, path: Path, lines: list[str], layout: Layout) -> None:
         self.path, self.layout = path, layout
+        # The monitor of the Arduino IDE writes a clock and an arrow.
+        arrow = re.compile(r"^(\d\d:\d\d:\d\d[.,]\d+) -> ?")
+        if any(map(arrow.match, lines)):
+            rest = next(arrow.sub("", line) for line in reversed(lines) if arrow.match(line))
+            lines = [arrow.sub(rf"\1{_mark_of(rest) or ' '}", line) for line in lines]
         filled = [(n, line) for n, line in enumerate(lines, 1) if line.strip(" \t,;")]
         data = [line for _, line in filled if not _is_comment(line)]
         ends = [line for line in data if not LABEL.match(line)][-20:] or data[-1:]
@@ -458,7 +480,8 @@ class Table:
         if keys:
             found.time_from = " and ".join(said[k] for k in keys)
             self._timed(found, moments, keys)
-        stated = re.search(r"pressure values in\s+(\S+)", "\n".join(self.head), re.IGNORECASE)
+        words = r"(?:pressure values in|\bunits?\s*[:=])\s*(\S+)"
+        stated = re.search(words, "\n".join(self.head), re.IGNORECASE)
         name = self.names[next(k for k in columns if k is not None)] if self.names else ""
         if stated := stated or _UNIT.search(name):
             unit = stated[1] or stated[2]
@@ -469,7 +492,10 @@ class Table:
                 )
         self._counters(out)
         if row_key is not None:
-            return self._rows(found, table[:, 0], table[:, 1] if frame_key is not None else found.time)
+            # A row may have a time of its own.
+            by_time = found.time is not None and len(np.unique(found.time)) < len(found.time)
+            by = table[:, 1] if frame_key is not None else found.time if by_time else None
+            return self._rows(found, table[:, 0], by)
         return self._framed(found)
 
     def _chosen(self) -> list[int] | None:
@@ -507,7 +533,8 @@ class Table:
             if alone and not named and self.layout.rate_hz is None and first[alone[0]]:
                 allowed = "a number, a clock, or a date as 2024-03-04 12:00:00; or --rate"
                 raise self._ask(names[alone[0]], quoted(first[alone[0]]), allowed)
-            return named[:1]
+            stamps = [k for k in timed if not is_number(first[k])]
+            return named[:1] or (self._with_parts(stamps[0]) if stamps else [])
         stamps = [k for k in timed if not is_number(first[k])]
         if stamps:
             return self._with_parts(stamps[0])
@@ -526,10 +553,13 @@ class Table:
     def _with_parts(self, k: int) -> list[int]:
         """Return the columns of a time: the date before its clock, or the part of a second after its whole seconds."""
         cells, others = [row[k] for row in self.sample], range(self.width)
-        if all(map(CLOCK.fullmatch, cells)):
+        if all(re.fullmatch(CLOCK.pattern + r"(\s*[APap][Mm])?", cell) for cell in cells):
             for j in others:
                 if all(_DATE.fullmatch(row[j]) for row in self.sample):
                     return [j, k]
+                if all(_DATED.fullmatch(row[j]) for row in self.sample) and self.layout.rate_hz is None:
+                    allowed = "a date as 2024-03-04, or --time-key, or --rate"
+                    raise self._ask(f"column {j}", quoted(self.sample[0][j]), allowed)
         if self.names and all(re.fullmatch(r"\d+|\d{1,2}:\d\d:\d\d", cell) for cell in cells):
             start, unit = _unit_in(self.names[k])
             for j in others:
@@ -648,6 +678,10 @@ class Table:
         rows, cols = self.layout.rows, self.layout.cols
         inside = range(self.width) if chosen is None else chosen
         left = [k for k in inside if k not in keys and k not in self.words]
+        for cell in (self.sample[0][k] for k in self.words if chosen is None):
+            if re.search(r"[:=>]\s*-?\d[\d.]*$", cell) and not is_number(cell, seconds_of):
+                allowed = "a number or a text in a cell; --taxels leaves it out"
+                raise self._ask("line 1", quoted(cell), allowed)
         if self.layout.axes is not None:
             good = True
         elif rows and cols:
@@ -680,7 +714,9 @@ class Table:
                 comma = comma or any("," in cells[k] for k in columns)
             if keys:
                 moments.append(_bare([cells[k].strip() for k in keys]))
-        points = any(re.fullmatch(r"[-+]?\d*\.\d+", cell) for row in self.sample for cell in row)
+        shown = [cell for row in self.sample for cell in row]
+        points = any(re.fullmatch(r"[-+]?\d*\.\d+", cell) for cell in shown)
+        comma = comma or any(map(_COMMA.fullmatch, shown))
         if comma and (points or any("." in self._cells(line)[k] for _, line in self.lines for k in columns)):
             raise self._ask("numbers", "decimal commas and points", "one of them; thousands without a mark")
         self._refuse_thousands(table, columns)
@@ -732,7 +768,8 @@ class Table:
             found.time_unit = "s"
             return
         filled = [c for c in cells if c.lower() not in _EMPTY]
-        read = number_of if not filled or is_number(filled[0]) else seconds_of
+        plain = not filled or (is_number(filled[0]) and not all(map(_DIGITS.fullmatch, filled)))
+        read = number_of if plain else seconds_of
         if bad := next((c for c in filled if not is_number(c, read)), None):
             raise self._ask("time", quoted(bad), "a date and time, a clock, or a number, in every line")
         if whole and abs(int(cells[0])) > 2**52:
@@ -758,6 +795,11 @@ class Table:
                 steps = np.where((steps < 0) & (numbers[1:] < 0.1 * size), steps + size, steps)
                 if (steps == 1).any() and (lost := int((steps[steps > 1] - 1).sum())):
                     warn(self.path, f"{self.names[k]} leaves out {lost} numbers: frames lost?")
+                if (steps == 0).any() and (steps == 1).any():
+                    warn(
+                        self.path,
+                        f"{self.names[k]} has {int((steps == 0).sum())} numbers twice: frames doubled?",
+                    )
                 if (steps < 0).any() and not (steps < 0).sum() > len(steps) / 4:
                     at = int(np.argmax(steps < 0)) + 1
                     warn(self.path, f"{self.names[k]} begins again at its value {at + 1}: recordings joined?")

@@ -15,12 +15,17 @@ from dermis.decode.calibration import Calibration
 from dermis.errors import InputError
 from dermis.report import output, verdict
 from dermis.report.read import chip_of
+from dermis.scene import scene as scenes
 from dermis.scene.schema import Strict, entry, read_toml, validate
 
 DRIFT_SIGMA = 4.0
 """Standard uncertainties by which a column's gain may differ from the older calibration ..."""
 DRIFT_MIN = 0.005
 """... and the relative difference that is a drift in any case: 1.3 codes at full scale."""
+STEADY = 1.25
+"""Ratio of the sums of two frames up to which a load is steady: it creeps by some per cent."""
+SENSITIVITY = 0.1, 10.0
+"""Conductance at a force over that by the scene's own sensor: beyond lie g, kPa, or a weight on each taxel."""
 MISPLACED_MAX = 0.05
 """Share of pressed readings that may be pressed without a force, or the reverse: the edge of a load is not sharp."""
 
@@ -83,10 +88,11 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     if scene is not None and (path.parent / scene).is_file():
         scene = str(path.parent / scene)
     made = Calibration.of_plan(chip_of(rows, cols, scene))
+    start, stated = made.curve, scene is not None and "sensor" in read_toml(scenes.find(scene))
     said: list[verdict.Row] = []
 
     def frames(name: str, key: str, kind: str = "forces") -> NDArray[Any]:
-        layout = recording.Layout(rows, cols, rate_hz=1.0, gaps="refuse")
+        layout = recording.Layout(rows, cols, rate_hz=np.inf, gaps="refuse")
         try:
             read = recording.load(path.parent / name, layout)
             found = read.values
@@ -100,7 +106,7 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
                 raise InputError(path, key, name, f"forces from 0; the least is {found.min():g}")
             return found
         if not ((found >= 0) & (found <= made.code_max) & (found == np.floor(found))).all():
-            raise InputError(path, key, name, f"codes 0..{made.code_max}")
+            raise InputError(path, key, name, f"codes, whole numbers 0..{made.code_max}")
         return made.rising(found.astype(np.int64))
 
     def note(name: str, value: float, unit: str, remark: str) -> None:
@@ -139,6 +145,10 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
                 else:
                     raise InputError(path, key, known, "a number >= 0, or a file")
                 codes = frames(load.file, f"load.{n}.file", "codes")
+                total = codes.sum(axis=(1, 2))
+                if total.max() > STEADY * total.min() + codes[0].size:
+                    allowed = f"frames under a steady load; sums of codes are {total.min()} to {total.max()}"
+                    raise InputError(path, f"load.{n}.file", load.file, allowed)
                 loads.append(identify.Load(load.name or load.file, codes, force))
             if not table.current and (spread := [noise for load in loads for noise in _noise(made, load)]):
                 made = dataclasses.replace(made, noise_code=float(np.sqrt(np.mean(np.square(spread)))))
@@ -148,6 +158,13 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             for name, pair in fit.values.items():
                 value(name, pair, name.rsplit("_", 1)[1], fit.remarks.get(name, ""))
             note("law_part", made.law_part, "1", "relative error of the law")
+            force = float(np.median(np.concatenate([one.force_n[one.force_n > 0] for one in loads])))
+            ratio = float(made.curve.conductance_s(force) / start.conductance_s(force))
+            remark = (
+                f"conductance at {force:.3g} N over that of the start: units, or a weight for each taxel?"
+            )
+            limits = SENSITIVITY if stated else (None, None)
+            said.append(verdict.within("calibrate.sensitivity_ratio", ratio, "1", *limits, remark))
             own = [f"{r} {c}" for r, c in made.own]
             note("own_laws", len(own), "taxels", ", ".join(own[:8]) + (" ..." if len(own) > 8 else ""))
             odd = "; ".join(f"{r} {c} {reason}" for (r, c), reason in list(fit.bad_taxels.items())[:8])

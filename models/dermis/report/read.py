@@ -79,7 +79,8 @@ def forces_of(values: Floats, unit: str, plan: Plan, area_mm2: float | None, sca
         force = values * (area_mm2 * 1e-3)
     else:
         force = values
-    force = force * scale
+    with np.errstate(over="ignore"):  # refused below
+        force = force * scale
     if not (missing | ((force >= 0) & np.isfinite(force))).all():
         allowed = "finite forces from 0; --clip-negative takes smaller ones as 0"
         raise InputError("recording", "values", f"{spread} {unit}", allowed)
@@ -436,6 +437,10 @@ def read_command(
             values = np.where(rec.present, rec.values, np.inf if unit == "ohm" else 0)
             force = np.where(rec.present, forces_of(values, unit, chip, area_mm2, scale), 0.0)
             codes, found, judged = read_frames(skin, rec, force)
+            if above := int(((found.flags & SATURATED) > 0).sum()):
+                note(
+                    f"{counted(above, 'force')} beyond the range of the read-out, {np.nanmax(force):.4g} N at most"
+                )
         if own_chip and (own is None or not (own.divider or own.falling)):
             judged += interest_rows(codes, rec.time_s, frame_s)
         told = understood(rec, unit, area_mm2)
@@ -467,7 +472,7 @@ def _masked(rec: Recording, mask: str) -> Recording:
     """Return a recording without the taxels for which the file `mask` has 0."""
     rows, cols = rec.present.shape
     allowed = f"{rows} x {cols} values, 0 where there is no taxel"
-    layout = recording.Layout(rows, cols, rate_hz=1.0, gaps="refuse", header=False)
+    layout = recording.Layout(rows, cols, rate_hz=np.inf, gaps="refuse", header=False)
     try:
         found = recording.load(mask, layout, "--mask").values
     except InputError as error:

@@ -398,6 +398,14 @@ SLOW = [1_020_000 * n for n in range(COUNT)]
 PARTS = {"sec": [str(us // 10**6) for us in SLOW], "usec": [str(us % 10**6) for us in SLOW]}
 EXCEL = {"time": [f"{45352 + n / 1440:.8f}" for n in range(COUNT)]}
 AGAIN = {"time": seconds(), "seq": [str(n % 12) for n in range(COUNT)]}
+TAGGED = "".join("D:" + ",".join(cells(f.ravel())) + ",77\n" for f in FRAMES)
+ARROWS = "".join(f"12:00:00.{20 * n:03d} -> {','.join(cells(f.ravel()))}\n" for n, f in enumerate(FRAMES))
+OWN_TIMES = "time_s,row," + ",".join(f"c{c}" for c in range(COLS)) + "\n"
+OWN_TIMES += "".join(
+    f"{0.02 * n + 0.001 * r:.3f},{r},{','.join(cells(row))}\n"
+    for n, f in enumerate(FRAMES)
+    for r, row in enumerate(f)
+)
 THOUSANDS = table(flat).splitlines()[0] + ('\n"1,234"' + ",985" * (ROWS * COLS - 1)) * COUNT + "\n"
 CUT = FRAMES.copy()
 CUT[-1, -1, -1] //= 1
@@ -409,6 +417,43 @@ CASES: dict[str, Case] = {
     "x and y": by_time(lambda r, c: f"x{c}y{r}", "text"),
     "c and two numbers": by_time(lambda r, c: f"c{c}_{r}", asks="--taxels"),
     "a number before row and column": by_time(lambda r, c: f"left2_r{r}c{c}", "columns"),
+    "a text and a number in a cell": Case("a.csv", TAGGED, SIZE | RATE, asks="--taxels"),
+    "a clock and an arrow": Case("a.csv", ARROWS, SIZE),
+    "a date with slashes beside a clock": Case(
+        "a.csv", table(flat, DAYS).replace("-", "/"), SIZE, time_s=90_000.0 * np.arange(COUNT)
+    ),
+    "a date that is not known beside a clock": Case(
+        "a.csv", table(flat, {"date": ["03/04/2024"] * COUNT, "time": DAYS["time"]}), SIZE, asks="--time-key"
+    ),
+    "AM and PM": Case(
+        "a.csv", table(flat, {"time": [f"12:00:00.{20 * n:03d} AM" for n in range(COUNT)]}), SIZE
+    ),
+    "a name of a month": Case(
+        "a.csv", table(flat, {"time": [f"04-Mar-2024 10:00:00.{20 * n:03d}" for n in range(COUNT)]}), SIZE
+    ),
+    "a date and time in digits": Case(
+        "a.csv", table(flat, {"timestamp": [f"20240304100000.{20 * n:03d}" for n in range(COUNT)]}), SIZE
+    ),
+    "an index of dates": Case(
+        "a.csv", table(flat, {"": [f"2024-03-04 10:00:00.{20 * n:03d}" for n in range(COUNT)]}), SIZE
+    ),
+    "a unit in a comment": Case(
+        "a.csv", "# unit: mN\n" + table(None), SIZE | RATE, FRAMES / 1e3, unit="newtons"
+    ),
+    "names with a comma": Case("a.csv", table(lambda r, c: f'"p[{r},{c}]"', {"t": seconds()}), {}),
+    "rows with a time of their own": Case("a.csv", OWN_TIMES, {"cols": COLS}),
+    "doubled numbers": Case(
+        "a.csv",
+        table(flat, {"t": seconds(), "seq": [str(n - (n > 9)) for n in range(COUNT)]}),
+        SIZE,
+        says="twice",
+    ),
+    "decimal marks of two kinds": Case(
+        "a.csv",
+        table(flat, {"Zeit (s)": [f"0,{2 * n:02d}" for n in range(COUNT)]}, mark=";"),
+        SIZE,
+        asks="one of them",
+    ),
     "numbers as names, and a column of words": csv(lambda r, c: flat(r, c, ""), {"sum": ["palm"] * COUNT}),
     "two sensors that look like rows": by_time(lambda r, c: f"p{r // 2}_{r % 2 * COLS + c}", asks="--rows"),
     "mN": Case(
