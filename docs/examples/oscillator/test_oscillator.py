@@ -20,7 +20,7 @@ def leg(v, before, after, target):
 async def oscillates_with_its_exact_period(dut):
     sim = Cosim(
         "rc.sp",
-        inputs={"dut.q": Drive("vd_q", edge_s=RAMP, abrupt=False)},
+        inputs={"dut.q": Drive("vd_q", edge_s=RAMP)},
         outputs={"dut.above_low": Compare("x", above=LOW), "dut.above_high": Compare("x", above=HIGH)},
         step_s=2e-9,
     )

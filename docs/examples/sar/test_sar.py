@@ -14,6 +14,7 @@ async def codes_are_the_sampled_input(dut):
         "sar.sp",
         inputs={
             "dut.top": Drive("vd_top"),
+            # ideal capacitors between ideal sources have no time constant
             "dut.bottom": Drive("vd_bottom", abrupt=False),
             "dut.guess": Drive([f"vd_b{bit}" for bit in range(8)], high=V_REF, abrupt=False),
         },

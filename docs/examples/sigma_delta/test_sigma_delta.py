@@ -12,7 +12,7 @@ V_IN, V_DD, CLOCKS = 0.6283, 1.8, 2000
 async def follows_its_closed_form(dut):
     sim = Cosim(
         "rc.sp",
-        inputs={"dut.dac": Drive("vd_dac", low=V_DD, high=0.0, abrupt=False)},
+        inputs={"dut.dac": Drive("vd_dac", low=V_DD, high=0.0)},
         outputs={"dut.comp": Compare("x", above=0.6)},
         clock="dut.clk",
         period_s=1e-6,

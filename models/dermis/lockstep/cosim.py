@@ -36,9 +36,10 @@ class Drive:
         on a vector (unsigned) or on a real net
     low, high : its level in volt for 0 and for 1; other numbers are on the straight line through both
     edge_s : duration of its ramp, in seconds
-    abrupt : ngspice begins anew at each corner of the ramp. False is exact where every current is linear in time
-        between two corners, and as exact as ngspice where every time constant is far above `step_s`; a shorter one
-        would ring. A source that switches a conductance needs True.
+    abrupt : ngspice begins anew at each corner of the ramp, and chooses its own steps. If all sources are False, a
+        step is as long as it may be: exact where every current is linear in time between two corners, and with the
+        error of the trapezoidal rule where every time constant is far above `step_s`; a shorter one would ring. A
+        source that switches a conductance needs True.
     """
 
     source: str | Sequence[str]
@@ -161,9 +162,9 @@ class Cosim:
     async def running(self, dut: Any) -> AsyncIterator[Cosim]:
         """Reset the Verilog, start the circuit, and run both for as long as the block takes.
 
-        A fault ends the test at once, at the latest at the end of the block. InputError for a net that the Verilog does
-        not have, or of a width that does not fit; SimulatorError if ngspice failed, a net is X or Z, or it changed at a
-        time that is not exact; the message names it.
+        A fault ends the test within 256 clocks, at the latest at the end of the block. InputError for a net that the
+        Verilog does not have, or of a width that does not fit; SimulatorError if ngspice failed, a net is X or Z, or
+        it changed at a time that is not exact; the message names it.
         """
         import cocotb
         from cocotb.triggers import Timer
@@ -209,7 +210,7 @@ class Cosim:
             exact = self._clocks[net] / unit
             # 1e-9 is rounding of decimals; a difference would shift the times of the two simulators
             if not units or abs(units - exact) > 1e-9 * exact:
-                allowed = f"an even multiple of the simulator's unit of time, {unit:g} s (`timescale)"
+                allowed = f"an even multiple of the simulator's unit of time, {unit:g} s; {units * unit:.12g} is near"
                 raise self._wrong(f"clock {net}", self._clocks[net], allowed)
         between = [units // 2 if self._both_edges else units for units in periods.values()]
         began = cocotb.utils.get_sim_time("step")
@@ -247,7 +248,7 @@ class Cosim:
             "settle": settle,
             "both_edges": self._both_edges,
             "step_s": self._step_s,
-            "first_step_s": 0.125 * shortest_s,
+            "first_step_s": min(0.125 * shortest_s, self._step_s),
             "idle": math.ceil(IDLE_STEPS * self._step_s / unit),
         }
         loop.require()
@@ -294,7 +295,7 @@ class Cosim:
         edges_s = tuple(drive.edge_s for _, drive in drives)
         names, abrupt = tuple(name for name, _ in drives), tuple(drive.abrupt for _, drive in drives)
         circuit = tuple(self._lines), names, tuple(levels), abrupt, tuple(self._nodes)
-        deck = Deck(*circuit, edges_s=edges_s, breaks=netlist_faults.breaks(self._lines))
+        deck = Deck(*circuit, edges_s=edges_s, own_steps=any(abrupt) or netlist_faults.breaks(self._lines))
         shortest = min(edges_s, default=self._step_s)
         return NgspiceHalf(deck, t_edge_s=shortest, t_max_step_s=self._step_s, t_stop_s=END_S, log=self._log)
 

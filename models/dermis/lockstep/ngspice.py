@@ -58,7 +58,7 @@ class Deck:
         always allowed. 0 for no such limit
     late_s : time by which each probe is sampled earlier; empty for 0
     edges_s : duration of the edges of each source, whatever the caller asks for; empty for the caller's
-    breaks : ngspice may have breakpoints of its own (`netlist_faults.breaks`), so no step is longer than it asks for
+    own_steps : no step is longer than ngspice asks for: the circuit has time constants, or breakpoints of its own
     """
 
     lines: tuple[str, ...]
@@ -71,7 +71,7 @@ class Deck:
     step_growth: float = 0.0
     late_s: tuple[float, ...] = ()
     edges_s: tuple[float, ...] = ()
-    breaks: bool = False
+    own_steps: bool = False
 
 
 def library() -> Path:
@@ -200,7 +200,7 @@ class NgspiceHalf:
         given: dict[str, Any] = {name: _array(_KINDS[name]._type_, items) for name, items in arrays.items()}
         given |= {"log_path": str(log).encode(), "n_source": len(deck.sources), "n_probe": len(deck.probes)}
         given |= {"t_edge": t_edge_s, "t_max_step": step_s, "t_stop": t_stop_s, "growth": deck.step_growth}
-        given |= {"recording": record, "use_ic": use_ic, "own_steps": deck.breaks or gear}
+        given |= {"recording": record, "use_ic": use_ic, "own_steps": deck.own_steps or gear}
 
         def load(extra: Sequence[str], how: ladder.Rung) -> None:
             self._circuit = _Circuit(**given)
