@@ -481,7 +481,8 @@ class Table:
             found.time_from = " and ".join(said[k] for k in keys)
             self._timed(found, moments, keys)
         words = r"(?:pressure values in|\bunits?\s*[:=])\s*(\S+)"
-        stated = re.search(words, "\n".join(self.head), re.IGNORECASE)
+        told = re.finditer(words, "\n".join(self.head), re.IGNORECASE)
+        stated = next((match for match in told if time_unit_of(match[1]) is None), None)
         name = self.names[next(k for k in columns if k is not None)] if self.names else ""
         if stated := stated or _UNIT.search(name):
             unit = stated[1] or stated[2]

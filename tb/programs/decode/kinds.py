@@ -438,7 +438,7 @@ CASES: dict[str, Case] = {
         "a.csv", table(flat, {"": [f"2024-03-04 10:00:00.{20 * n:03d}" for n in range(COUNT)]}), SIZE
     ),
     "a unit in a comment": Case(
-        "a.csv", "# unit: mN\n" + table(None), SIZE | RATE, FRAMES / 1e3, unit="newtons"
+        "a.csv", "# time unit: s\n# unit: mN\n" + table(None), SIZE | RATE, FRAMES / 1e3, unit="newtons"
     ),
     "names with a comma": Case("a.csv", table(lambda r, c: f'"p[{r},{c}]"', {"t": seconds()}), {}),
     "rows with a time of their own": Case("a.csv", OWN_TIMES, {"cols": COLS}),
