@@ -182,6 +182,8 @@ def test_dead_and_stuck_taxels_are_named() -> None:
     fit = identify.fit_sheet(fitted(), made, "linear")
     assert fit.bad_taxels == {(2, 3): "does not respond to loads", (5, 6): "reads full scale without a load"}
     assert any("taxel 2 3" in note for note in fit.calibration.notes)
+    found = Decoder(fit.calibration, 2e-3).decode(np.zeros((SIZE, SIZE), int))
+    assert found.high_n[2, 3] > 1e3 > found.high_n[2, 4]  # newton: it says nothing of the force
 
 
 def test_loads_that_contradict_each_other_are_refused() -> None:

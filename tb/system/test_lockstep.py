@@ -299,6 +299,19 @@ TESTS = {
         assert abs(sim.samples["y"] - sim.samples["d_b"])[late].max() < 1e-3
         assert sim.samples["z"].max() < 0.6 and sim.samples["z"].min() > -1e-3, "one diode below 1 V"
 """,
+    "without_a_clock_a_crossing_is_told_when_it_happens": """
+    ramp = "vp p 0 pwl(0 0 10u 1)" + chr(10) + "rp p 0 1k" + chr(10)
+    for above in (0.1037, 0.4371):
+        outputs = {"dut.comp_b": Compare("p", above=above)}
+        inputs = {"dut.caught": Drive("vd_a"), "dut.fell": Drive("vd_b")}
+        sim = cosim(inputs, outputs, ramp, clock=None, period_s=None, reset=None, step_s=1e-9, settle_s=4e-7)
+        async with sim.running(dut):
+            began = get_sim_time("step")
+            await RisingEdge(dut.comp_b)
+            told = 1e-12 * (get_sim_time("step") - began)
+            await Timer(1, unit="us")
+        assert abs(told - above * 1e-5) < 2.5e-12, (told, above)  # two units of time
+""",
     "default_drives_have_the_error_of_ngspice_alone": """
     rc = RC.split("r1")[0] + "r1 d_a x 100k" + chr(10) + "c1 x 0 100p" + chr(10) + "r2 d_b 0 1k" + chr(10)
     rc += "bq 0 q i=1u*v(d_a)*v(d_a)" + chr(10) + "cq q 0 1n" + chr(10) + "rq q 0 1e12"

@@ -31,6 +31,8 @@ SHOWN = 3.0
 """A trace resistance is shown if it is this many standard uncertainties above 0."""
 INFLATED = 3.0
 """Two parameters are confused if the one that is held fixed makes the other this many times more certain."""
+UNKNOWN_PART = 1e6
+"""Relative uncertainty of a taxel that does not read a force: its interval is open."""
 RIDGE = 1e-9
 """Of the scaled normal equations: no parameter counts as more than 3e4 times less certain than it is alone."""
 OWN_SHARE = 1e-3
@@ -153,7 +155,10 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     notes = [f"load {name} was left out: it contradicts the others" for name in bad]
     notes += [f"{name}: {remark}" for name, remark in fit.remarks.items()]
     notes += [f"taxel {r} {c} {reason}" for (r, c), reason in bad_taxels.items()]
-    made = dataclasses.replace(fit.calibration, notes=(*calibration.notes, *notes))
+    part = fit.calibration.factor_part.copy()
+    for place in bad_taxels:  # what they read says nothing of the force
+        part[place] = UNKNOWN_PART
+    made = dataclasses.replace(fit.calibration, factor_part=part, notes=(*calibration.notes, *notes))
     elsewhere = tuple(_elsewhere(made, good, bad_taxels))
     return dataclasses.replace(
         fit, calibration=made, bad=tuple(bad), bad_taxels=bad_taxels, elsewhere=elsewhere

@@ -79,7 +79,9 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     """
     path = Path(path)
     if layout.rate_hz is not None and (layout.time_key or layout.time_unit):
-        raise InputError("command line", "--rate", layout.rate_hz, "left out with --time-key or --time-unit")
+        raise InputError(
+            "command line", "--rate", layout.rate_hz, "one of --rate and --time-key or --time-unit"
+        )
     bag = (path if path.suffix in recording_bag.SUFFIXES else path / "metadata.yaml").is_file()
     data = b"" if bag else read_bytes(path, FILE_BYTES_MAX, ("command line", option, str(path)))
     name = path
@@ -91,7 +93,7 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
         unused = {"key": None}
     for key in unused:
         if (given := getattr(layout, key)) not in (None, False):
-            raise InputError(path, f"--{key}", given, "left out: it is not for this kind of file")
+            raise InputError(path, f"--{key}", given, "no such option: it is not for this kind of file")
     if bag:
         found = _parsed(path, lambda: recording_bag.read(path, layout))
     elif data.startswith(b"PAR1"):
@@ -424,7 +426,7 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         step = np.diff(time)
     if not (np.isfinite(step).all() and (step >= 0).all() and time[-1] > time[0]):
         at = int(np.argmin(np.where(np.isfinite(step), step, -np.inf)))
-        allowed = "later than the frame before; or --rate"
+        allowed = "later than the frame before; or --time-key of another column, or --rate"
         raise InputError(path, f"time of frame {at + 1}", float(time[at + 1]), allowed)
     if (same := int((step == 0).sum())) and same < frames - 1:
         first = int(np.argmax(step == 0)) + 1

@@ -21,9 +21,7 @@ from dermis.errors import InputError, one_line, quoted
 from dermis.ndarrays import Floats
 from dermis.scene.stimulus import VALUES_MAX
 
-_WORDS = (
-    r"times?|t|ts|stamp|timestamps?|datetime|elapsed|zeit|uhrzeit|minutes|hours|mi(lli|cro)s|[nmu]?s(ecs?)?"
-)
+_WORDS = r"times?|t|ts|stamp|timestamps?|datetime|epoch|elapsed|zeit|uhrzeit|minutes|hours|mi(lli|cro)s|[nmu]?s(ecs?)?"
 _WORDS += "|(nano|micro|milli)?seconds?"
 _CLOCKED = rf"[%#]?(.*[./ _])?({_WORDS})"
 _TIME = re.compile(_CLOCKED + r"([ _.\[(].*)?", re.IGNORECASE)
@@ -53,7 +51,7 @@ _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 STAMP = re.compile(NUMBER + r"\s*(m?s)(ec\w*)?\b")
 """Seconds or milliseconds in the label of a frame."""
 CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
-_DATE = re.compile(r"\d{4}[-/]\d\d[-/]\d\d|\d{1,2}\.\d{1,2}\.\d{2,4}|\d{1,2}-[A-Za-z]{3}-\d{4}")
+_DATE = re.compile(r"\d{4}[-/]\d\d[-/]\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}-[A-Za-z]{3}-\d{4}")
 """A date in a column beside that of the clock."""
 _DATED = re.compile(r"\d{1,4}[-/. ]\w{1,3}[-/. ]\d{1,4}|[A-Za-z]{3,9} \d{1,2}(,? \d{4})?")
 """Any date, also one that may be read in two ways."""
@@ -71,14 +69,19 @@ KPA = {
 """kPa of a unit of pressure."""
 NEWTONS = {
     "n": 1.0, "newtons": 1.0, "kg": 9.80665, "kgf": 9.80665, "g": 9.80665e-3, "gf": 9.80665e-3, "lbs": 4.4482216,
-    "lbf": 4.4482216, "mn": 1e-3, "kn": 1e3,
+    "lbf": 4.4482216, "mn": 1e-3, "cn": 1e-2, "kn": 1e3,
 }  # fmt: skip
 """N of a unit of force."""
 OHMS = {"ohm": 1.0, "ohms": 1.0, "ω": 1.0, "kohm": 1e3, "kω": 1e3}
 _RAW = ("counts", "count", "adc", "raw", "lsb", "code", "codes", "bit", "bits", "digits", "au", "a.u.")
 """Units of readings that are no physical ones."""
-_UNIT = re.compile(r"[\[(]([^\])\d]*[^\W\d][^\])\d]*2?)[\])]$|\d[ _.]+([^\W\d_]+)$")
-"""Unit at the end of the name of a taxel: in brackets, or after its number."""
+_UNIT = re.compile(r"[\[(]([^\])\d]*[^\W\d][^\])\d]*2?)[\])]|\d[ _.]+([^\W\d_]+)$")
+"""Unit in the name of a taxel: in brackets, or after its number."""
+_STATED = re.compile(
+    r"(?:.*pressure values in|[#%\s]*(?:force|pressure|values?|taxels?|data|sensor)?\s*units?\s*[:=])\s*(\S+)\s*$",
+    re.IGNORECASE,
+)
+"""Unit of the values in a comment."""
 KNOWN = "npy, npz, mat, HDF5 and bags are known by their suffix"
 PLACES_MAX = 1 << 16
 """The largest array: 256 x 256."""
@@ -272,7 +275,9 @@ def is_time(name: str, known: re.Pattern = _TIME) -> bool:
 
 def asks_unit(name: str) -> bool:
     """Return True for the name of a time with more words, which may be a unit."""
-    return is_time(name) and not is_time(name, _BARE_TIME)
+    return (
+        is_time(name) and not is_time(name, _BARE_TIME) and bool(re.search(r"[\[( _.]\W*\w{1,2}\W*$", name))
+    )
 
 
 # ---- tables
@@ -480,24 +485,26 @@ class Table:
         if keys:
             found.time_from = " and ".join(said[k] for k in keys)
             self._timed(found, moments, keys)
-        words = r"(?:pressure values in|\bunits?\s*[:=])\s*(\S+)"
-        told = re.finditer(words, "\n".join(self.head), re.IGNORECASE)
-        stated = next((match for match in told if time_unit_of(match[1]) is None), None)
         name = self.names[next(k for k in columns if k is not None)] if self.names else ""
-        if stated := stated or _UNIT.search(name):
-            unit = stated[1] or stated[2]
-            if not found.scale(unit) and stated[1]:
-                warn(
-                    self.path,
-                    f"{quoted(one_line(unit))} is no unit that is known: values are taken as they are",
-                )
-        self._counters(out)
+        self._scale(found, name)
+        self._counters(out, values)
         if row_key is not None:
             # A row may have a time of its own.
             by_time = found.time is not None and len(np.unique(found.time)) < len(found.time)
             by = table[:, 1] if frame_key is not None else found.time if by_time else None
             return self._rows(found, table[:, 0], by)
         return self._framed(found)
+
+    def _scale(self, found: Found, name: str) -> None:
+        """Turn values into kPa, N or ohm by the unit in the name of a taxel, or in a comment that says nothing else."""
+        lines = [_STATED.match(line) for line in self.head]
+        units = [*_UNIT.findall(name), *{match[1] for match in lines if match}]
+        for unit in reversed(units):
+            if found.scale(unit := unit if isinstance(unit, str) else unit[0] or unit[1]):
+                return
+            # A short word, or one with marks, may be a unit; others are names.
+            if unit in name and f"_{unit}" not in name and re.search(r"^\W*\w{1,2}$|[/^²]|[a-z][A-Z]", unit):
+                warn(self.path, f"{quoted(unit)} is no unit that is known: values are taken as they are")
 
     def _chosen(self) -> list[int] | None:
         """Return the columns that options name for taxels."""
@@ -734,10 +741,10 @@ class Table:
         if not 0 < whole.max(initial=0.0) < 1000:
             return
         cells = [self._cells(line)[k] for _, line in self.lines for k in columns]
-        marked = [cell for cell in cells if "." in cell or "," in cell]
+        marked = [cell for cell in cells if "," in cell]
         plain = any(re.fullmatch(r"[-+]?[1-9]\d{0,2}", cell) for cell in cells)
-        if plain and all(re.fullmatch(r"[-+]?[1-9]\d{0,2}[.,]\d{3}", cell) for cell in marked):
-            raise self._ask("numbers", quoted(marked[0]), "no mark of thousands; a decimal as 1.2340")
+        if marked and plain and all(re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", cell) for cell in marked):
+            raise self._ask("numbers", quoted(marked[0]), "no mark of thousands; a decimal as 1,2340")
 
     def _numbers(self, cells: Sequence[str], columns: Sequence[int], where: str) -> list[float]:
         found = []
@@ -754,7 +761,11 @@ class Table:
         cells = [row[0] for row in moments]
         whole = all(re.fullmatch(r"-?\d{1,19}", c) for row in moments for c in row)
         if len(keys) == 2 and _DATE.fullmatch(cells[0]):
-            cells = [" ".join(row) for row in moments]
+            dates = _by_day(cells)
+            if dates is None:
+                allowed = "a date as 2024-03-04: day or month may be first; or --time-key, or --rate"
+                raise self._ask("date", quoted(cells[0]), allowed)
+            cells = [f"{date} {row[1]}" for date, row in zip(dates, moments, strict=True)]
         elif len(keys) == 2:
             per_s = PER_SECOND[(self.names and _unit_in(self.names[keys[1]])[1]) or "ns"]
             if not all(re.fullmatch(r"(\d{1,12}|\d+:\d\d:\d\d) \d{1,9}", " ".join(row)) for row in moments):
@@ -784,7 +795,7 @@ class Table:
         elif self.names:
             found.time_unit = time_unit_of(self.names[keys[0]])
 
-    def _counters(self, out: list[int]) -> None:
+    def _counters(self, out: list[int], values: Floats) -> None:
         """Warn of lost numbers in a counter of frames."""
         for k in out if self.names else ():
             column = self._column(k) if _COUNTER.fullmatch(self.names[k]) else [""]
@@ -796,10 +807,11 @@ class Table:
                 steps = np.where((steps < 0) & (numbers[1:] < 0.1 * size), steps + size, steps)
                 if (steps == 1).any() and (lost := int((steps[steps > 1] - 1).sum())):
                     warn(self.path, f"{self.names[k]} leaves out {lost} numbers: frames lost?")
-                if (steps == 0).any() and (steps == 1).any():
+                same = (steps == 0) & (values[1:] == values[:-1]).all(axis=1)
+                if same.any() and (steps == 1).any():
                     warn(
                         self.path,
-                        f"{self.names[k]} has {int((steps == 0).sum())} numbers twice: frames doubled?",
+                        f"{self.names[k]} has {int(same.sum())} numbers twice: frames doubled?",
                     )
                 if (steps < 0).any() and not (steps < 0).sum() > len(steps) / 4:
                     at = int(np.argmax(steps < 0)) + 1
@@ -867,6 +879,17 @@ class Table:
                 found.time, found.time_unit = past_midnight(time), "s"
                 found.time_from = "stamps of the frames"
         return found
+
+
+def _by_day(dates: Sequence[str]) -> list[str] | None:
+    """Return dates with slashes as day.month.year, None if the day may be first or second; others as they are."""
+    parts = [re.fullmatch(r"(\d{1,2})/(\d{1,2})/(\d{2,4})", date) for date in dates]
+    if not all(parts):
+        return list(dates)
+    day = [max(int(part[n]) for part in parts if part) > 12 for n in (1, 2)]
+    if day[0] == day[1]:
+        return None
+    return [".".join((p[1], p[2], p[3]) if day[0] else (p[2], p[1], p[3])) for p in parts if p]
 
 
 def past_midnight(time: Floats) -> Floats:

@@ -160,9 +160,8 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             note("law_part", made.law_part, "1", "relative error of the law")
             force = float(np.median(np.concatenate([one.force_n[one.force_n > 0] for one in loads])))
             ratio = float(made.curve.conductance_s(force) / start.conductance_s(force))
-            remark = (
-                f"conductance at {force:.3g} N over that of the start: units, or a weight for each taxel?"
-            )
+            remark = f"conductance at {force:.3g} N over that of the scene: "
+            remark += "units, a weight for each taxel, or another [sensor]?"
             limits = SENSITIVITY if stated else (None, None)
             said.append(verdict.within("calibrate.sensitivity_ratio", ratio, "1", *limits, remark))
             own = [f"{r} {c}" for r, c in made.own]

@@ -402,7 +402,9 @@ def read_command(
             raise InputError(file, "--unit", unit, f"{rec.unit}, as the file says")
         unit = unit or rec.unit
         if said_area and unit != "kpa":
-            raise InputError("command line", "--area", area_mm2, f"left out with --unit {unit}")
+            raise InputError(
+                "command line", "--area", area_mm2, f"no such option: it is for --unit kpa, not {unit}"
+            )
         if mask is not None:
             rec = _masked(rec, mask)
         if clip_negative:
@@ -423,7 +425,8 @@ def read_command(
         # Times of a file have six digits; a frame that is shorter by less is the same.
         if own_chip and not decodes and frames > 1 and rec.t_frame_s < frame_s * (1 - 1e-6):
             allowed = (
-                f"at most {1 / frame_s:.4g} frames a second: the chip reads {rows} rows in {frame_s:g} s"
+                f"at most {1 / frame_s:.4g} frames a second: the chip reads {rows} rows in {frame_s:g} s; a scene "
+                "with [front_end] has no such limit"
             )
             speed = f"{1 / rec.t_frame_s:.6g}" if rec.t_frame_s else "no time between frames"
             raise InputError(file, "rate", speed, allowed)

@@ -398,6 +398,10 @@ SLOW = [1_020_000 * n for n in range(COUNT)]
 PARTS = {"sec": [str(us // 10**6) for us in SLOW], "usec": [str(us % 10**6) for us in SLOW]}
 EXCEL = {"time": [f"{45352 + n / 1440:.8f}" for n in range(COUNT)]}
 AGAIN = {"time": seconds(), "seq": [str(n % 12) for n in range(COUNT)]}
+TWICE_TEXT = ",".join(["seq", *(f"p{n}" for n in range(ROWS * COLS))]) + "\n"
+TWICE_TEXT += "".join(
+    f"{n // 2 if n < 4 else n - 2},{','.join(cells(FRAMES[n // 2].ravel()))}\n" for n in range(COUNT)
+)
 TAGGED = "".join("D:" + ",".join(cells(f.ravel())) + ",77\n" for f in FRAMES)
 ARROWS = "".join(f"12:00:00.{20 * n:03d} -> {','.join(cells(f.ravel()))}\n" for n, f in enumerate(FRAMES))
 OWN_TIMES = "time_s,row," + ",".join(f"c{c}" for c in range(COLS)) + "\n"
@@ -442,11 +446,16 @@ CASES: dict[str, Case] = {
     ),
     "names with a comma": Case("a.csv", table(lambda r, c: f'"p[{r},{c}]"', {"t": seconds()}), {}),
     "rows with a time of their own": Case("a.csv", OWN_TIMES, {"cols": COLS}),
-    "doubled numbers": Case(
+    "doubled frames": Case("a.csv", TWICE_TEXT, SIZE | RATE, np.repeat(FRAMES, 2, 0)[:COUNT], says="twice"),
+    "day and month that tell each other": Case(
         "a.csv",
-        table(flat, {"t": seconds(), "seq": [str(n - (n > 9)) for n in range(COUNT)]}),
+        table(flat, {"date": [f"{n + 1}/03/2024" for n in range(COUNT)], "time": ["10:00:00"] * COUNT}),
         SIZE,
-        says="twice",
+        time_s=86400.0 * np.arange(COUNT),
+    ),
+    "a comment about another unit": Case("a.csv", "# load cell unit: kg\n" + table(None), SIZE | RATE),
+    "words in brackets": Case(
+        "a.csv", table(lambda r, c: f"r{r}c{c} (left)", {"time (host)": seconds()}), {}
     ),
     "decimal marks of two kinds": Case(
         "a.csv",
