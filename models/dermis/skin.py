@@ -276,14 +276,12 @@ class Skin(Threaded):
         known.check(self.rows, self.cols, "calibration")
         kinds = [(c.code_max, c.falling, c.divider) for c in (true, known)]
         self._other_read_out = kinds[0] != kinds[1]
-        open_ = [np.isinf(c.network.get("r_row_grounded_ohm", 0.0)) for c in (true, known)]
-        sizes = [np.append(c.step_a, c.v_bias_v) for c in (true, known)]
+        boards = [
+            (np.isinf(c.network.get("r_row_grounded_ohm", 0.0)), *c.step_a, c.v_bias_v) for c in (true, known)
+        ]
         # Another resistor, reference or supply; test currents move a step by some per cent.
-        if self.plan.front_end is not None and (
-            open_[0] != open_[1] or not np.allclose(*sizes, rtol=0.1, atol=0)
-        ):
-            self._other_read_out = True
-        if self._other_read_out and self.plan.front_end is not None:
+        other = self._other_read_out or not np.allclose(*boards, rtol=0.1, atol=0)
+        if other and self.plan.front_end is not None:
             allowed = "a calibration of the board in [front_end] of the scene, or a scene without it"
             raise InputError("Skin", "calibration", "of another board", allowed)
         self.decoder = Decoder(known, self.t_frame_s)

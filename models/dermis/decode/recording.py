@@ -88,10 +88,8 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     if data.startswith(b"\x1f\x8b"):
         data, name = _unpacked(path, data), path.with_suffix("") if path.suffix.lower() == ".gz" else path
     suffix = name.suffix.lower()
-    unused = {"skip": None, "taxels": None, "part": None, "header": None}
-    if not bag and (data.startswith(b"PAR1") or suffix not in BINARY):
-        unused = {"key": None}
-    for key in unused:
+    columns = not bag and (data.startswith(b"PAR1") or suffix not in BINARY)
+    for key in ("key",) if columns else ("skip", "taxels", "part", "header"):
         if (given := getattr(layout, key)) not in (None, False):
             raise InputError(path, f"--{key}", given, "no such option: it is not for this kind of file")
     if bag:
