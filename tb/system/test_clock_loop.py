@@ -80,7 +80,7 @@ def test_both_loops_are_equal_to_the_bit(resistance_plan: MakePlan, tmp_path: Pa
 FAULTS = {
     "delay": ("(double)(net->tick - lp.event_tick)", "0.0", "codes|samples|pins"),
     "bit": ("put(out->handle, word", "word[0] >>= 1, put(out->handle, word", "codes|samples|pins"),
-    "early": ("at - tick + loop.settle", "at - tick + loop.settle / 2", "Error"),
+    "early": ("(edge ? loop.settle : 0)", "(loop.settle / 2)", "Error"),
 }
 
 
