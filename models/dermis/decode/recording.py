@@ -257,7 +257,7 @@ def _shaped(path: Path, found: Found, layout: Layout) -> Floats:
     if not values.size:
         raise InputError(path, "shape", list(values.shape), "at least one frame")
     if layout.axes is not None:
-        values, by_line = _by_axes(path, values, layout.axes, (layout.rows, layout.cols)), True
+        values, by_line = _by_axes(path, values, layout.axes, layout), True
     else:
         by_line = found.by_line or found.time is not None
         if found.shape is None:
@@ -271,17 +271,13 @@ def _shaped(path: Path, found: Found, layout: Layout) -> Floats:
     return _split(path, values, layout, by_line, list(found.values.shape))
 
 
-def _by_axes(
-    path: Path, values: Floats, axes: tuple[str | int, ...], size: tuple[int | None, int | None]
-) -> Floats:
+def _by_axes(path: Path, values: Floats, axes: tuple[str | int, ...], layout: Layout) -> Floats:
     """Return [frames, rows, cols] or [frames, taxels] of an array whose axes are named.
 
     Taxels [frames, taxels] may be frames,cols,rows: column after column.
     """
-    rows, cols = size
-    if values.ndim == 2 and axes[0] == "frames" and len(axes) == 3 and rows and cols:
-        if values.shape[1] == rows * cols:
-            values = values.reshape(-1, *(cols if axis == "cols" else rows for axis in axes[1:]))
+    if values.ndim == 2 and axes[0] == "frames" and len(axes) == 3 and values.shape[1] == layout.size:
+        values = values.reshape(-1, *(layout.cols if axis == "cols" else layout.rows for axis in axes[1:]))
     shape = list(values.shape)
     if values.ndim != len(axes):
         raise InputError(path, "--axes", shape, f"{values.ndim} names or numbers, not {len(axes)}")
@@ -323,11 +319,11 @@ def _frames_first(path: Path, values: Floats, found: Found, layout: Layout) -> F
         frames = values if first_fits else np.moveaxis(values, 2, 0)
         # Of rows and columns that are given, the axes of the frames that leave both.
         others = {n for n in range(3) if None not in size and sorted(np.delete(shape, n)) == sorted(size)}
-        if len(others) > 1 and not first_fits and not timed:
+        unsure = len(others) > 1 and not timed
+        strip = None in size and min(frames.shape[1:]) <= 2 and max(frames.shape[1:]) > 32
+        if strip or (unsure and not first_fits):
             raise ask
-        if layout.rows is None or layout.cols is None or (len(others) > 1 and not timed):
-            if min(frames.shape[1:]) <= 2 and max(frames.shape[1:]) > 32 and None in size:
-                raise ask
+        if None in size or unsure:
             said = "frames, rows, cols" if first_fits else "rows, cols, frames"
             warn(path, f"taken as [{said}] from its shape {list(shape)}; --axes otherwise")
         elif not first_fits:
@@ -446,10 +442,7 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
 
 
 def _warn_of_other_times(path: Path, found: Found, frames: int, rate_hz: float) -> None:
-    """Warn of times in the file that `--rate` overrules, if they are of another rate or of several recordings.
-
-    An infinite rate says that no times are needed.
-    """
+    """Warn of times in the file that `--rate` overrules, if they are of another rate or of several recordings."""
     if found.time is None or frames < 2 or found.time.size % frames or np.isinf(rate_hz):
         return
     found.ignored.append(found.time_from)

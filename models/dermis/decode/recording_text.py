@@ -95,7 +95,7 @@ class Layout:
     time_key : array of the times in such a file, or the name or number of the column of a text.
     skip : leading columns of a text that are no taxels.
     time_unit, gaps : one of `recording.TIME_UNITS`, one of `recording.GAPS`.
-    rate_hz : frames a second; overrules times in the file.
+    rate_hz : frames a second; overrules times in the file; inf: no times are needed.
     missing : value of a place without a taxel; NaN counts as well.
     axes : names of `recording.AXES` in the order of an array, or the number of the part to take along an axis.
     taxels : first and last column of the taxels of a text, from 0.
@@ -497,13 +497,16 @@ class Table:
 
     def _scale(self, found: Found, name: str) -> None:
         """Turn values into kPa, N or ohm by the unit in the name of a taxel, or in a comment that says nothing else."""
-        lines = [_STATED.match(line) for line in self.head]
-        units = [*_UNIT.findall(name), *{match[1] for match in lines if match}]
-        for unit in reversed(units):
-            if found.scale(unit := unit if isinstance(unit, str) else unit[0] or unit[1]):
-                return
+        stated = sorted({match[1] for line in self.head if (match := _STATED.match(line))})
+        if len(stated) > 1:
+            warn(self.path, f"comments state several units, and none is taken: {', '.join(stated)}")
+            stated = []
+        named = _UNIT.findall(name)  # in brackets, or after a number; the last known one counts
+        if any(found.scale(unit) for unit in (*stated, *("".join(pair) for pair in reversed(named)))):
+            return
+        for unit, _ in named:
             # A short word, or one with marks, may be a unit; others are names.
-            if unit in name and f"_{unit}" not in name and re.search(r"^\W*\w{1,2}$|[/^²]|[a-z][A-Z]", unit):
+            if re.search(r"^\W*\w{1,2}$|[/^²]|[a-z][A-Z]", unit):
                 warn(self.path, f"{quoted(unit)} is no unit that is known: values are taken as they are")
 
     def _chosen(self) -> list[int] | None:
@@ -727,7 +730,8 @@ class Table:
         comma = comma or any(map(_COMMA.fullmatch, shown))
         if comma and (points or any("." in self._cells(line)[k] for _, line in self.lines for k in columns)):
             raise self._ask("numbers", "decimal commas and points", "one of them; thousands without a mark")
-        self._refuse_thousands(table, columns)
+        if comma:
+            self._refuse_thousands(table, columns)
         return table, moments
 
     def _refuse_thousands(self, table: Floats, columns: Sequence[int]) -> None:
@@ -807,12 +811,10 @@ class Table:
                 steps = np.where((steps < 0) & (numbers[1:] < 0.1 * size), steps + size, steps)
                 if (steps == 1).any() and (lost := int((steps[steps > 1] - 1).sum())):
                     warn(self.path, f"{self.names[k]} leaves out {lost} numbers: frames lost?")
-                same = (steps == 0) & (values[1:] == values[:-1]).all(axis=1)
-                if same.any() and (steps == 1).any():
-                    warn(
-                        self.path,
-                        f"{self.names[k]} has {int(same.sum())} numbers twice: frames doubled?",
-                    )
+                again = np.flatnonzero(steps == 0)
+                same = int((values[again + 1] == values[again]).all(axis=1).sum())
+                if same and (steps == 1).any():
+                    warn(self.path, f"{self.names[k]} has {same} numbers twice: frames doubled?")
                 if (steps < 0).any() and not (steps < 0).sum() > len(steps) / 4:
                     at = int(np.argmax(steps < 0)) + 1
                     warn(self.path, f"{self.names[k]} begins again at its value {at + 1}: recordings joined?")

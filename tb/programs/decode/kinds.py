@@ -444,6 +444,9 @@ CASES: dict[str, Case] = {
     "a unit in a comment": Case(
         "a.csv", "# time unit: s\n# unit: mN\n" + table(None), SIZE | RATE, FRAMES / 1e3, unit="newtons"
     ),
+    "two units in comments": Case(
+        "a.csv", "# unit: N\n# unit: mN\n" + table(None), SIZE | RATE, says="several units"
+    ),
     "names with a comma": Case("a.csv", table(lambda r, c: f'"p[{r},{c}]"', {"t": seconds()}), {}),
     "rows with a time of their own": Case("a.csv", OWN_TIMES, {"cols": COLS}),
     "doubled frames": Case("a.csv", TWICE_TEXT, SIZE | RATE, np.repeat(FRAMES, 2, 0)[:COUNT], says="twice"),
