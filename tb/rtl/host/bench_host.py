@@ -74,7 +74,7 @@ class CHost:
             return 0
 
         self.library, self.bytes = ctypes.CDLL(library), ctypes.create_string_buffer(room)
-        self.host = Struct(self.CALL(call), None, LIMIT, 4096, 3)
+        self.host = Struct(self.CALL(call), None, LIMIT, 512, 3)
 
     def _checked(self, function: str, *arguments: Any) -> None:
         if status := getattr(self.library, function)(ctypes.byref(self.host), *arguments):

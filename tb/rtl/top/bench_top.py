@@ -202,7 +202,7 @@ async def self_test(dut: Any) -> None:
         return {n: [k for k in range(16) if mask >> k & 1] for n, mask in masks.items() if mask}
 
     seen = [await found(**faults) for faults in s["faults"]]
-    gate = 1000
+    gate = 250
     await host.write(rm.GATE, gate)
     for rate in s["rates"]:
         await host.write(rm.TEST_RATE, rate)
