@@ -62,15 +62,11 @@ def _outcome(future: Future[tuple[Outcome, list[str]]], task: Task) -> Outcome:
     try:
         found, left = future.result()
     except pool.LimitReached as error:
-        found, left = (
-            Outcome(fault=f"hangs: ended after {task.limit_s:g} s", seconds=task.limit_s),
-            error.left,
-        )
+        left = error.left
+        found = Outcome(fault=f"hangs: ended after {task.limit_s:g} s", seconds=task.limit_s)
     except pool.WorkerLost as error:
-        found, left = (
-            Outcome(fault=f"crashed: its process ended with {children.ended(error.code)}"),
-            error.left,
-        )
+        left = error.left
+        found = Outcome(fault=f"crashed: its process ended with {children.ended(error.code)}")
     except Exception as error:  # The task or its value could not be pickled: no measurement.
         found = Outcome(fault=f"{type(error).__name__}: {one_line(str(error), 300)}")
     faults = [found.fault] if found.fault else []

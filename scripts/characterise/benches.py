@@ -97,16 +97,6 @@ def _lsb(current_a: float) -> float:
     return current_a / 25e-6 * 510
 
 
-def reference(found: Found) -> dict[str, float]:
-    """Return the current of a cascoded unit of the charge source against 5 uA."""
-    return {"reference_error": -found["i_unit"] / 5e-6 - 1.0}
-
-
-def reference_step(found: Found) -> dict[str, float]:
-    """Return how far the voltage of the external resistor overshoots, over its step."""
-    return {"reference_overshoot": (found["most"] - found["after"]) / (found["after"] - found["before"])}
-
-
 AMPLIFIER, AMPLIFIER_OFFSET = body("amplifier"), body("amplifier_offset")
 
 
@@ -124,9 +114,7 @@ def level(found: Found, block: str, nominal_v: float = 0.0, measured: str = "lev
     return {f"{block}_v": found[measured] - nominal_v}
 
 
-amplifier_offset, comparator_offset = (
-    partial(level, block=f"{block}_offset", measured="offset") for block in ("amplifier", "comparator")
-)
+amplifier_offset = partial(level, block="amplifier_offset", measured="offset")
 
 
 def row_driver_body(driven: int) -> str:
@@ -182,16 +170,6 @@ def sequencing(found: Found, ramp: str) -> dict[str, float]:
         * max(abs(found[f"{name}_{order}_{wanted}"]) for name, wanted in looked)
         for order in ORDERS
     }
-
-
-def pedestal(found: Found) -> dict[str, float]:
-    """Return the pedestal of a column against 16 uA."""
-    return {"pedestal_error": found["at_0"] / 16e-6 - 1.0}
-
-
-def test_current(found: Found) -> dict[str, float]:
-    """Return the test current at 27 C, and that at 125 C over it."""
-    return {"test_current_a": found["at_27"], "test_current_ratio_125c": found["at_125"] / found["at_27"]}
 
 
 SHARES = (0.0, 0.01, 0.02, 0.05, *(n / 10 for n in range(1, 11)))
@@ -256,11 +234,6 @@ def chain(found: Found, k: int) -> dict[str, float]:
     }
 
 
-def _multi_body() -> str:
-    places = [n * 1e-4 for n in range(11)]
-    return body("conveyor_multi", measures=_finds(places, {"zp": "i(vzp)", "zn": "i(vzn)"}))
-
-
 def multi(found: Found) -> dict[str, float]:
     """Return the line of both outputs of the conveyor that has two."""
     positive, negative = ([_lsb(found[f"{side}{n}"]) for n in range(11)] for side in ("zp", "zn"))
@@ -284,11 +257,6 @@ def named(found: Found, prefix: str, add: float = 0.0) -> dict[str, float]:
 
 
 R_X_HZ = (100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000)
-
-
-def r_x(found: Found) -> dict[str, float]:
-    """Return the impedance at the column at 1 mA."""
-    return {f"r_x_ohm.f{f}": found[f"r{f}"] for f in R_X_HZ}
 
 
 def overload(found: Found) -> dict[str, float]:
@@ -357,11 +325,6 @@ def density(found: Found, side: str) -> dict[str, float]:
 def pulse(found: Found, side: str) -> dict[str, float]:
     """Return the delay of the falling edge less that of the rising one, at the gates of the pair."""
     return {f"pulse_asymmetry.{side}": found["fall"] - found["rise"] - _PULSE_S}
-
-
-def comparator(found: Found) -> dict[str, float]:
-    """Return the delay from the crossing of a ramp of 0.5 V a clock."""
-    return {"comparator_delay_s": found["late"] - 140e-9}
 
 
 def start_up(found: Found) -> dict[str, float]:
@@ -524,10 +487,12 @@ def _bench(name: str, values: Values, text: str | None = None, **more: object) -
 _SIDES = ("sink", "source")
 _OUTPUT = "xout{0} gate cp line{0} vdd bias_output\nxline{0} line{0} vdd vss bias_line"
 _ALL = (
-    _bench("reference", reference, samples=True),
+    # A cascoded unit of the charge source.
+    _bench("reference", lambda found: {"reference_error": -found["i_unit"] / 5e-6 - 1.0}, samples=True),
+    # Of the voltage at the external resistor.
     _bench(
         "reference_step",
-        reference_step,
+        lambda m: {"reference_overshoot": (m["most"] - m["after"]) / (m["after"] - m["before"])},
         body("reference_step", outputs="\n".join(map(_OUTPUT.format, range(17)))),
     ),
     _bench("amplifier", amplifier),
@@ -538,11 +503,19 @@ _ALL = (
         _bench(f"vfc_{side}", partial(vfc, side=side), _vfc_body(side), samples=True, trtol=_EDGES_TRTOL)
         for side in _SIDES
     ),
-    _bench("comparator", comparator, samples=True),
-    _bench("comparator_offset", comparator_offset, samples=True),
+    # From the crossing of a ramp of 0.5 V a clock.
+    _bench("comparator", lambda found: {"comparator_delay_s": found["late"] - 140e-9}, samples=True),
+    _bench("comparator_offset", partial(level, block="comparator_offset", measured="offset"), samples=True),
     _bench("density_sink", partial(density, side="sink"), body("density", sign="", dut="vfc")),
     _bench("density_source", partial(density, side="source"), body("density", sign="-", dut="vfc_inverted")),
-    _bench("conveyor_multi", multi, _multi_body(), samples=True),
+    _bench(
+        "conveyor_multi",
+        multi,
+        body(
+            "conveyor_multi", measures=_finds([n * 1e-4 for n in range(11)], {"zp": "i(vzp)", "zn": "i(vzn)"})
+        ),
+        samples=True,
+    ),
     _bench("direct", partial(vfc, side="direct"), _vfc_body("direct"), samples=True, trtol=_EDGES_TRTOL),
     _bench("column", column, samples=True),
     _bench("phase_margin", partial(named, prefix="phase_margin", add=180.0), _phase_margin_body()),
@@ -554,7 +527,7 @@ _ALL = (
     _bench("mid_rail_crosstalk", partial(crosstalk, wire="mid_rail"), _crosstalk_body(1e-3, 1.0)),
     _bench("overload", overload),
     _bench("start_up", start_up),
-    _bench("r_x", r_x),
+    _bench("r_x", lambda found: {f"r_x_ohm.f{f}": found[f"r{f}"] for f in R_X_HZ}),
     *(
         _bench(f"settling_{side}", partial(settling, side=side), body("settling", one=one, other=other))
         for side, one, other in (("low", 0.5, 0), ("high", 0, 0.5))
@@ -571,8 +544,11 @@ _ALL = (
     _noise("packet", noise_body("vc", body("noise_packet", high_v=sky130.V_DIGITAL_V))),
     _bench("row_driver_driven", partial(row_driver, side="driven"), row_driver_body(1)),
     _bench("row_driver_held", partial(row_driver, side="held"), row_driver_body(0)),
-    _bench("test_current", test_current),
-    _bench("pedestal", pedestal),
+    _bench(
+        "test_current",
+        lambda m: {"test_current_a": m["at_27"], "test_current_ratio_125c": m["at_125"] / m["at_27"]},
+    ),
+    _bench("pedestal", lambda found: {"pedestal_error": found["at_0"] / 16e-6 - 1.0}),
     _bench("row_sense", partial(level, block="row_sense", nominal_v=0.25)),
     _bench("level_down", partial(level, block="level_down")),
     _bench("row_change", row_change, trtol=1.0),

@@ -36,28 +36,23 @@ def table(curves: Sequence[Curve]) -> str:
         for i, ohm in enumerate(curve.resistance_ohm):
             ideal = _measured(curve, curve.ideal, i)
             real = _measured(curve, some.reading, where[i]) if i in where else dict.fromkeys(ideal, math.nan)
-            line: dict[str, Any] = {
-                "topology": curve.topology,
-                "r_ohm": float(ohm),
-                "x": float(curve.x[i]),
-                **ideal,
-            }
-            line |= {
-                "f_charge_balance_hz": hz * curve.x[i],
-                "pulses_charge_balance": curve.pulses_charge_balance[i],
-            }
+            line = {"topology": curve.topology, "r_ohm": ohm, "x": curve.x[i], **ideal}
+            line |= {"f_charge_balance_hz": hz * curve.x[i]}
+            line |= {"pulses_charge_balance": curve.pulses_charge_balance[i]}
             line |= {"f_eq3_hz": hz / curve.period_eq3_clocks[i], "pulses_eq3": curve.pulses_eq3[i]}
             line |= {f"physical_{name}": value for name, value in real.items()}
-            for name, value in line.items():
-                if isinstance(value, float):
-                    number = repr(round(float(value), 3) if value > 10_000 else float(value))
-                    line[name] = "" if math.isnan(value) else number
-            lines.append(line)
+            lines.append({name: _cell(value) for name, value in line.items()})
     text = io.StringIO()
     writer = csv.DictWriter(text, lines[0], lineterminator="\n")
     writer.writeheader()
     writer.writerows(lines)
     return text.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    if not isinstance(value, float):
+        return value
+    return "" if math.isnan(value) else repr(round(float(value), 3) if value > 10_000 else float(value))
 
 
 def _measured(curve: Curve, reading: Reading, i: int) -> dict[str, float]:
@@ -210,7 +205,7 @@ def transistor_figure(curves: Sequence[Curve], path: Path) -> None:
     left = []
     for curve in curves:
         reading, x = unlimited(curve.ideal), curve.gate * curve.x
-        gain, offset, _ = straight_line(curve, reading) or (math.nan, math.nan, math.nan)
+        gain, offset, _ = straight_line(curve, reading)
         left.append((x, curve.gate / reading.line_clocks - gain * x - offset))
     _marks(rest, curves, left)
     rest.set_xscale("log")

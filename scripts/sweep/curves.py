@@ -152,7 +152,10 @@ class Reading:
 
 
 def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -> Reading:
-    """Read a plan through Verilog and ngspice in lock-step; find the pulses in the trace."""
+    """Read a plan through Verilog and ngspice in lock-step; find the pulses in the trace.
+
+    `work` goes after a successful run, which can be repeated from its scene.
+    """
     result = cosim.run(made, on_slots, record=True, work=work)
     timing, charge = made.timing, []
     # Between two frames there are clocks without a row, which belong to neither.
@@ -164,6 +167,7 @@ def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -
         charge += [bits[begin : begin + length] for begin in record["trace"]["begins"][:frames]]
     pulses, period, line = find_pulses(np.stack(charge), made)
     codes = result.codes.astype(np.int64)
+    shutil.rmtree(work)
     return Reading(*(out_of_frames(values, points) for values in (pulses, codes, period, line)))
 
 
@@ -223,11 +227,8 @@ class Curve:
     physical: Physical | None = None
 
     def __post_init__(self) -> None:
-        interface, timing, points = (
-            self.made.scene.table.interface,
-            self.made.timing,
-            self.resistance_ohm.size,
-        )
+        interface, timing = self.made.scene.table.interface, self.made.timing
+        points = self.resistance_ohm.size
         unit = exact(interface.v_bias_v) / (interface.k * exact(interface.i0_a))
         self.topology, self.f_clk_hz = self.made.topology, timing.f_clk_hz
         self.gate, self.code_max = timing.gate_clocks, timing.code_max
@@ -264,22 +265,23 @@ def judge(curve: Curve) -> list[verdict.Row]:
             exact_key, int(error[on_code].max()), f"{on_code.sum()} resistances where x = c/{gate}"
         )
     period = _largest(gate / ideal.period_clocks - gate * curve.x)
-    fit = straight_line(curve, ideal)
+    *_, residual = straight_line(curve, ideal)
     said = "f from all pulse times: residual of a straight line of 1/R"
     reports = [
         ("period_error_lsb", period, "lsb", f"f from first and last pulse, in counts of {gate} clocks"),
-        ("frequency_linearity_lsb", fit and fit[2], "lsb", said),
+        ("frequency_linearity_lsb", residual, "lsb", said),
     ]
     last: list[verdict.Row] = []
     if (some := curve.physical) is not None:
-        fit, line = straight_line(curve, some.reading, some.at), "straight line of f against 1/R"
+        gain, offset, residual = straight_line(curve, some.reading, some.at)
+        line = "straight line of f against 1/R"
         shift = _largest(gate / some.reading.line_clocks - gate * curve.x[some.at])
         taxels = f"physical blocks, {some.at.size} resistances, one taxel at a time"
         reports += [
             ("physical_shift_lsb", shift, "lsb", taxels),
-            ("physical_gain_error_percent", fit and 100 * (fit[0] - 1), "%", line),
-            ("physical_offset_lsb", fit and fit[1], "lsb", line),
-            ("physical_linearity_lsb", fit and fit[2], "lsb", f"residual of the {line}"),
+            ("physical_gain_error_percent", 100 * (gain - 1), "%", line),
+            ("physical_offset_lsb", offset, "lsb", line),
+            ("physical_linearity_lsb", residual, "lsb", f"residual of the {line}"),
         ]
         name = key("physical_event_difference_lsb")
         if some.event_code is None:
@@ -290,21 +292,18 @@ def judge(curve: Curve) -> list[verdict.Row]:
     return [rate, exact_rate, *(verdict.report(key(name), *told) for name, *told in reports), *last]
 
 
-def _largest(values: Floats) -> float | None:
+def _largest(values: Floats) -> float:
     """Return the largest size of the values that are numbers."""
-    good = np.abs(values[np.isfinite(values)])
-    return float(good.max()) if good.size else None
+    return float(np.abs(values[np.isfinite(values)]).max(initial=-math.inf))
 
 
-def straight_line(
-    curve: Curve, reading: Reading, at: Ints | None = None
-) -> tuple[float, float, float] | None:
-    """Fit gate f / f_clk = gain (gate x) + offset to three points or more; return gain, offset and largest residual."""
+def straight_line(curve: Curve, reading: Reading, at: Ints | None = None) -> tuple[float, float, float]:
+    """Fit gate f / f_clk = gain (gate x) + offset; return gain, offset and largest residual, NaN below three points."""
     x = curve.gate * (curve.x if at is None else curve.x[at])
     counts = curve.gate / reading.line_clocks
     good = np.isfinite(counts)
     if np.unique(x[good]).size < 3:
-        return None
+        return math.nan, math.nan, math.nan
     gain, offset = np.polyfit(x[good], counts[good], 1)
     return float(gain), float(offset), float(np.abs(counts - gain * x - offset)[good].max())
 
@@ -376,7 +375,7 @@ def run(
     shutil.rmtree(out / "work", ignore_errors=True)
 
     def one(name: str, on_slots: Callable[[int], None]) -> Reading:
-        return _read_once(*plans[name], on_slots, out / "work" / name)
+        return read(*plans[name], on_slots, out / "work" / name)
 
     tasks = {name: (made.frames * made.rows, partial(one, name)) for name, (made, _) in plans.items()}
     readings = cosims.run("sweeping", tasks)
@@ -394,12 +393,6 @@ def run(
             rows.append(verdict.error(f"sweep.physical_shift_lsb.{topology}", str(real), "lsb"))
     failed = any(isinstance(reading, SimulatorError) for reading in readings.values())
     return curves, [*rows, judge_laws(curves), *plain_ngspice(out / "plain_ngspice")], failed
-
-
-def _read_once(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -> Reading:
-    reading = read(made, points, on_slots, work)
-    shutil.rmtree(work)  # a successful run can be repeated from its scene
-    return reading
 
 
 POINTS_TRANSISTORS = 8
@@ -426,7 +419,7 @@ def run_transistors(
         decks = ("\n".join(netlist.frame_deck(made, f, levels).lines) for f in range(made.frames))
         name = f"{topology} {judged.digest((), *(runs.key(runs.resolved(deck)) for deck in decks))[:24]}"
         if name not in kept.pieces:
-            reading = _read_once(made, points, on_slots, out / "work" / topology)
+            reading = read(made, points, on_slots, out / "work" / topology)
             kept.put(name, {what: values.tolist() for what, values in vars(reading).items()})
         return Reading(**{what: np.array(values) for what, values in kept.pieces[name].items()})
 
@@ -445,10 +438,9 @@ def run_transistors(
 def judge_line(curve: Curve) -> list[verdict.Row]:
     """Return the rows of one interface: gain, offset, and largest distance from a straight line."""
     name, reading = curve.topology, unlimited(curve.ideal)
-    key, fit = f"sweep.transistor_linearity_lsb.{name}", straight_line(curve, reading)
-    if fit is None:
+    key, (gain, offset, residual) = f"sweep.transistor_linearity_lsb.{name}", straight_line(curve, reading)
+    if math.isnan(residual):
         return [verdict.error(key, "fewer than three resistances have two pulses", "lsb")]
-    gain, offset, residual = fit
     below = np.isfinite(reading.line_clocks).sum()
     line = f"straight line of f against 1/R, {below} resistances below f_clk/2"
     return [
