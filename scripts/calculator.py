@@ -64,10 +64,6 @@ class Targets(BaseModel, strict=True, extra="forbid", frozen=True, allow_inf_nan
     gain_dc: float | None = _target("open-loop gain of the integrator", gt=1, lt=1e12)
     topology: Literal[design_module.TOPOLOGIES] | None = _target("interface between column and converter")
 
-    def replace(self, changes: Mapping[str, Any]) -> Targets:
-        """Return a checked copy with some targets changed; None removes a target."""
-        return make_targets(**(self.model_dump() | dict(changes)))
-
     def take(self, name: str, default: float | Fraction) -> Fraction:
         """Return the exact value of a target, or of its default."""
         value = getattr(self, name)
@@ -123,12 +119,10 @@ class Answer:
 
     @property
     def feasible(self) -> bool:
-        """Return True if every limit is met."""
         return verdict.exit_code(self.rows) == 0
 
     @property
     def code_max(self) -> int:
-        """Highest code."""
         return 2**self.bits - 1
 
     @property
@@ -142,7 +136,6 @@ class Answer:
         return self.v_bias_v / (self.k * self.i0_a)
 
     def duty(self, resistance_ohm: Fraction) -> Fraction:
-        """Return x of a resistance."""
         return self.r_unit_ohm / resistance_ohm
 
     def code(self, resistance_ohm: Fraction) -> int:
@@ -224,7 +217,6 @@ class Answer:
 
 
 def _digits(value: Fraction | float, digits: int, rounding: Callable[[Fraction], int]) -> float:
-    """Round to some significant digits."""
     scale = Fraction(10) ** (digits - 1 - math.floor(math.log10(value)))
     return float(rounding(exact(value) * scale) / scale)
 
@@ -473,7 +465,6 @@ def _judged(
 
 
 def print_answer(answer: Answer) -> None:
-    """Print the sizing, the verdict on it and the table over the range."""
     sizing = [(n, v if isinstance(v, str) else f"{v:.6g}") for n, v in answer.values().items()]
     verdict.print_table("Design", ("value", ""), sizing, ("",))
     heads = [head.replace("[", r"\[") for head in RANGE_COLUMNS]

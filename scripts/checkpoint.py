@@ -45,7 +45,6 @@ class Checkpoint:
             self.save()
 
     def save(self) -> None:
-        """Write the file atomically."""
         write_atomic(self.path, json.dumps({"stamp": self.stamp, "pieces": self.pieces}))
         self._saved = time.monotonic()
 

@@ -102,7 +102,6 @@ class Netlist:
         return " ".join(sorted(found))
 
     def place(self, kind: str, bit: int, cell: Mapping[str, Any] | None) -> Place:
-        """Return the name of a source and its clock."""
         if kind == "pin":
             return self.pins[bit], self.rules["pins"].get(self.pins[bit], "")
         clock = next(cell["connections"][pin][0] for pin in CLOCKS if pin in cell["connections"])

@@ -111,10 +111,6 @@ def verilog(name: str) -> str:
     return ", ".join(built) or "in the input currents"
 
 
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    return markdown.table(head, ([cell.replace("|", "\\|") for cell in cells] for cells in rows)) + "\n"
-
-
 def meanings(design: Design | None = None, _root: Path | None = None) -> str:
     """Return the table of effects with meaning and parameters."""
     rows = []
@@ -125,7 +121,7 @@ def meanings(design: Design | None = None, _root: Path | None = None) -> str:
         more += ["random"] if effect.random else []
         text = effect.meaning + (f" ({'; '.join(more)})" if more else "")
         rows.append([f"`{effect.name}`", text, parameters(effect.name, design)])
-    return _table(["effect", "meaning", "parameters and defaults"], rows)
+    return markdown.table(["effect", "meaning", "parameters and defaults"], rows) + "\n"
 
 
 def places(_design: Design | None = None, _root: Path | None = None) -> str:
@@ -138,7 +134,7 @@ def places(_design: Design | None = None, _root: Path | None = None) -> str:
         able += ["yes", "yes"] if sheet else [verilog(name), deck(name)]
         rows.append([f"`{name}`", written, enters(name), *able])
     head = ["effect", "record fields", "enters", "closed", "event", "rtl: Verilog model", "cosim: SPICE deck"]
-    return _table(head, rows)
+    return markdown.table(head, rows) + "\n"
 
 
 def bounds(design: Design | None = None, _root: Path | None = None) -> str:
@@ -150,7 +146,7 @@ def bounds(design: Design | None = None, _root: Path | None = None) -> str:
         made = plan.make(scene.with_effects(world, everything, world.table.run.engine))
         found[name] = filter.largest(made.part(f := made.fullest_frame(), f + 1))
     rows = [[f"`{name}`", *(_bound(largest.get(name)) for largest in found.values())] for name in EFFECTS]
-    return _table(["effect", *(f"{name} / LSB" for name in found)], rows)
+    return markdown.table(["effect", *(f"{name} / LSB" for name in found)], rows) + "\n"
 
 
 def _bound(value: float | None) -> str:

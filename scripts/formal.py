@@ -71,12 +71,10 @@ class Proof:
 
     @property
     def proves(self) -> list[str]:
-        """Tasks that prove the theorems, one per size."""
         return [task for task in self.tasks if task.startswith("prove_")]
 
     @property
     def quick(self) -> str:
-        """Task with the quickest proof."""
         return "quick" if "quick" in self.tasks else self.proves[0]
 
 
@@ -212,7 +210,6 @@ def _outcome(text: str, seconds: float, work: Path) -> Outcome:
 def _row(
     proof: Proof, what: str, outcomes: Sequence[Outcome], status: str, note: str, **more: object
 ) -> verdict.Row:
-    """Return a row with the seconds of some runs as its value."""
     seconds = round(sum(outcome.seconds for outcome in outcomes), 1)
     limit_s = proof.option("timeout") * len(outcomes)
     name = f"formal.{proof.name}{what}"
@@ -273,7 +270,6 @@ def cover(proof: Proof, where: str = "formal", depth: int = 0) -> list[verdict.R
 
 
 def traced(outcome: Outcome) -> bool:
-    """Return True if a run left the trace of a counterexample."""
     return any(path.stat().st_size for path in outcome.work.glob("sby/engine_0/trace*.vcd"))
 
 
@@ -300,7 +296,6 @@ def break_it(proof: Proof, fault: Fault, where: str = "formal") -> list[verdict.
 
 
 def chosen(names: Sequence[str]) -> list[Proof]:
-    """Return the proofs with these names or prefixes, all of them without names."""
     every = proofs()
     for name in names:
         if not any(proof.startswith(name) for proof in every):

@@ -6,6 +6,7 @@ import re
 import shutil
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +35,8 @@ LIMIT_S = 600.0
 def run_tool(command: str, work: Path) -> None:
     """Run a YoWASP tool with its log in `work`; SimulatorError if it fails or exceeds its time."""
     name, *arguments = command.format(work=work).split()
-    children.run_logged(
-        [judged.tool(name, remedy=REMEDY), *arguments], ROOT, ROOT / work / f"{name}.log", LIMIT_S, name
-    )
+    program, log = judged.tool(name, remedy=REMEDY), ROOT / work / f"{name}.log"
+    children.run_logged([program, *arguments], ROOT, log, LIMIT_S, name)
 
 
 def synthesise(board: Any, top: str, parameters: Mapping[str, int], work: Path) -> Path:
@@ -65,7 +65,8 @@ def failures(board: Any, netlist: Path, parameters: Mapping[str, int], tests: An
     """Return the tests that fail on a netlist, or report otherwise than on the ASIC's Verilog."""
     cells = cell_models(board["family"], netlist.with_name("cells.v"))
     design = gate_level.Design(f"the netlist in {board['family']}", (cells, netlist), {})
-    failed, unlike = gate_level.compare(design, parameters, tests, gate_level.WHOLE_LIMIT_S)
+    tests = [replace(test, limit_s=gate_level.WHOLE_LIMIT_S) for test in tests]
+    failed, unlike = gate_level.compare(design, parameters, tests)
     return failed + unlike
 
 

@@ -22,7 +22,7 @@ from scripts import liberty
 from scripts.cocotb_run import run_bench
 from scripts.judged import finish
 from scripts.liberty import PREFIX, view
-from scripts.lint import header_values
+from scripts.lint import Parameters, header_values
 from scripts.synth import power
 from scripts.synth.cells import TECHNOLOGIES, Technology, osu035
 from scripts.synth.command import attempt, place, size_options, write_docs
@@ -75,7 +75,7 @@ class Design:
 
     name: str
     sources: tuple[Path, ...] | None
-    parameters: Mapping[str, int]
+    parameters: Parameters
 
 
 def netlist_design(netlist: Netlist) -> Design:
@@ -140,6 +140,7 @@ class TopTest:
     testcase: str
     scenario: Mapping[str, Any]
     alike: bool = True
+    limit_s: float = RUN_LIMIT_S
 
 
 # A small array with short slots: every test of the top takes seconds.
@@ -147,11 +148,11 @@ SMALL = Size(4, 5)
 SMALL_SLOTS = {"GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
 
 
-def charge_balance(size: Size) -> TopTest:
+def charge_balance(size: Size, limit_s: float = RUN_LIMIT_S) -> TopTest:
     """Return the test with duties c/510: each must read c with a gate of 510 clocks."""
     last = 2**size.code_bits - 1
     x = [[((37 * (r * size.cols + c)) % (last + 1), 510) for c in range(size.cols)] for r in range(size.rows)]
-    return TopTest("client", {"x": x, "gate": 510, "sck_hz": 2.5e6, "frames": 1})
+    return TopTest("client", {"x": x, "gate": 510, "sck_hz": 2.5e6, "frames": 1}, limit_s=limit_s)
 
 
 EACH_LINE = [
@@ -174,9 +175,7 @@ SMALL_TESTS = (
 )
 
 
-def compare(
-    design: Design, parameters: Mapping[str, int], tests: Sequence[TopTest], limit_s: float = RUN_LIMIT_S
-) -> tuple[list[str], list[str]]:
+def compare(design: Design, parameters: Parameters, tests: Sequence[TopTest]) -> tuple[list[str], list[str]]:
     """Run tests of the top on a netlist and on the Verilog; return what failed and what reports differ."""
     failed: list[str] = []
     unlike: list[str] = []
@@ -184,7 +183,7 @@ def compare(
         scenario = {"parameters": dict(parameters), **test.scenario}
         both = (Design("the Verilog", None, parameters), design)
         try:
-            wanted, got = (run(side, TOP_BENCH, test.testcase, scenario, limit_s) for side in both)
+            wanted, got = (run(side, TOP_BENCH, test.testcase, scenario, test.limit_s) for side in both)
         except SimulatorError as error:
             failed.append(str(error))
             continue
@@ -194,14 +193,10 @@ def compare(
 
 
 def top_rows(
-    netlist: Netlist,
-    parameters: Mapping[str, int],
-    suffix: str,
-    tests: Sequence[TopTest],
-    limit_s: float = RUN_LIMIT_S,
+    netlist: Netlist, parameters: Parameters, suffix: str, tests: Sequence[TopTest]
 ) -> list[verdict.Row]:
     """Judge the tests of the top on the netlist: failures, and reports unlike the Verilog's."""
-    failed, unlike = compare(netlist_design(netlist), parameters, tests, limit_s)
+    failed, unlike = compare(netlist_design(netlist), parameters, tests)
     note = failed[0] if failed else ", ".join(test.testcase for test in tests)
     return [
         verdict.judge(f"gl.failed_tests.{suffix}", len(failed), one_line(note, 300)),
@@ -209,7 +204,7 @@ def top_rows(
     ]
 
 
-def power_rows(netlist: Netlist, size: Size, slots: Mapping[str, int], suffix: str) -> list[verdict.Row]:
+def power_rows(netlist: Netlist, size: Size, slots: Parameters, suffix: str) -> list[verdict.Row]:
     """Report the power of the netlist while it measures and sends the frame with the most force of a recording."""
     frames = dermis.simulate("recorded_touch", engine="closed").codes
     most = max(frames, key=np.sum)
@@ -258,7 +253,7 @@ def gate_level(technology: Technology, size: Size) -> list[verdict.Row]:
         # The bench needs the default values.
         slots = {name: header_values()[f"DERMIS_{name}"] for name in SMALL_SLOTS}
         # All registers would take Icarus some 100 000 clocks: codes only.
-        made += top_rows(netlist, size.parameters | slots, suffix, [charge_balance(size)], WHOLE_LIMIT_S)
+        made += top_rows(netlist, size.parameters | slots, suffix, [charge_balance(size, WHOLE_LIMIT_S)])
         return made + (power_rows(netlist, size, slots, suffix) if technology.name == "sky130" else [])
 
     for work, array in ((small, SMALL), (whole, size)):

@@ -35,10 +35,9 @@ def _cell(text: object) -> str:
 
 
 def design_table(design: Design, root: Path) -> str:
-    """Return the table of stored and derived design values for docs/numbers.md."""
     why = design_module.reasons(root / "models" / "design.toml")
     stored = (
-        (f"`{key}`", _cell(value), _MARKS[why[key].mark], _cell(why[key].text))
+        (f"`{key}`", str(value), _MARKS[why[key].mark], _cell(why[key].text))
         for key, value in design.stored().items()
     )
     derived = ((f"`{key}`", f"{value:.9g}") for key, value in design.derived().items())
@@ -47,7 +46,6 @@ def design_table(design: Design, root: Path) -> str:
 
 
 def limits_table(_design: Design, root: Path) -> str:
-    """Return the table of limits for docs/numbers.md."""
     rows = []
     for name, limit in design_module.load_spec(root / "models" / "spec.toml").items():
         low, high = ("" if v is None else f"{v:.9g}" for v in (limit.min, limit.max))
@@ -57,7 +55,6 @@ def limits_table(_design: Design, root: Path) -> str:
 
 
 def range_table(design: Design, _root: Path) -> str:
-    """Return R against code over the range of the design, for docs/numbers.md."""
     rows = calculator.solve(calculator.Targets(), design).range_table()
     return markdown.table(calculator.RANGE_COLUMNS, ([f"{c:.6g}" for c in row] for row in rows), "---:")
 
@@ -82,12 +79,12 @@ def examples_table(design: Design, _root: Path) -> str:
     for targets in EXAMPLES:
         answer = calculator.solve(calculator.make_targets(**targets), design)
         v = answer.values()
-        options = " ".join(f"--{name.replace('_', '-')} {_cell(value)}" for name, value in targets.items())
+        options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in targets.items())
         cells = [f"`dermis calc {options}`".replace(" `", "`"), f"{v['f_clk_hz']:.6g}"]
         cells += [f"{v['slot_clocks']} = {v['settle_clocks']} + {v['gate_clocks']}"]
         cells += [f"{v[name]:.6g}" for name in ("v_bias_v", "k", "i0_a", "c_int_f")]
         missed = [f"{r['name']}: {r['note']}" for r in answer.rows if r["status"] != "PASS"]
-        rows.append([*cells, _cell("; ".join(missed)) or "yes"])
+        rows.append([*cells, "; ".join(missed) or "yes"])
     return markdown.table(head, rows)
 
 
@@ -107,11 +104,10 @@ TABLES: dict[str, dict[str, Callable[[Design, Path], str]]] = {
 }
 
 
-# Hand-written files with one value of the design in them: {path: pattern whose first group is the
-# clock period in ns}.
+# Hand-written files with the clock period in ns in them, and its pattern.
 PERIODS = {
-    "rtl/synth/dermis.sdc": r"set clk_period ([\d.e+-]+)",
-    "rtl/harden/config.json": r'"CLOCK_PERIOD": ([\d.e+-]+)',
+    "rtl/synth/dermis.sdc": r"(?<=set clk_period )[\d.e+-]+",
+    "rtl/harden/config.json": r'(?<="CLOCK_PERIOD": )[\d.e+-]+',
 }
 
 
@@ -142,19 +138,15 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
         for name, make in TABLES.get(path, {}).items():
             begin, end = f"<!-- begin: {name} (written by dermis generate) -->", f"<!-- end: {name} -->"
             text = between(text, begin, end, make(design, root), path, f"table {name}")
+        if pattern := PERIODS.get(path):
+            text, places = re.subn(pattern, repr(period_ns), text)
+            if places != 1:
+                raise InputError(path, "clock period", f"{places} places", f"one that matches {pattern}")
         files[path] = text
-        if path in TABLES:
-            continue
-        found = list(re.finditer(PERIODS[path], text))
-        if len(found) != 1:
-            allowed = "one that matches " + PERIODS[path]
-            raise InputError(path, "clock period", f"{len(found)} places", allowed)
-        files[path] = text[: found[0].start(1)] + repr(period_ns) + text[found[0].end(1) :]
     return files
 
 
 def write(root: Path = ROOT) -> list[str]:
-    """Write the generated files that differ; return their paths."""
     changed = {path: text for path, text in generate_all(root).items() if _read(root / path) != text}
     for path, text in changed.items():
         write_atomic(root / path, text)

@@ -71,7 +71,6 @@ class Group:
     groups: list[Group] = field(default_factory=list)
 
     def of(self, kind: str, name: str | None = None) -> list[Group]:
-        """Return the groups inside of a kind and, if given, of a name."""
         return [g for g in self.groups if g.kind == kind and (name is None or g.name == name)]
 
     def one(self, kind: str, name: str | None = None) -> Group:
@@ -137,7 +136,6 @@ class Corner:
 
     @property
     def file(self) -> Path:
-        """Liberty file that was measured here, named as that of a PDK."""
         return DIRECTORY / f"{PREFIX}{self.name}.lib"
 
 

@@ -23,7 +23,8 @@ WAIVERS = "rtl/lint/verilator_waiver.vlt"
 TIME_LIMIT_S = 180.0
 
 _LISTED = tomllib.loads((ROOT / "rtl" / "lint" / "configurations.toml").read_text())
-CONFIGURATIONS: Mapping[str, Mapping[str, int]] = _LISTED["rtl"]
+Parameters = Mapping[str, int]
+CONFIGURATIONS: Mapping[str, Parameters] = _LISTED["rtl"]
 WRAPPER = ("rtl/harden/dermis_analog_front_end.v", "rtl/harden/user_analog_project_wrapper.v")
 
 MODELS_FILE_LIST = "models/verilog/files.f"
@@ -36,19 +37,22 @@ _YOSYS_MESSAGE = re.compile(r"^(?:\S+:\d+: )?(?:Warning|ERROR): .*$", re.MULTILI
 
 def _row(name: str, code: int | None, output: str, messages: Sequence[str], finished: bool) -> verdict.Row:
     """Return PASS for no message, exit 0 and evidence of the work; without evidence ERROR."""
-    if messages:
-        return verdict.within(name, len(messages), "messages", None, 0, " ".join(messages[0].split()))
-    if code == 0 and finished:
-        return verdict.within(name, 0, "messages", None, 0)
-    last = (output.strip().splitlines() or ["no output"])[-1]
-    why = f"no result within {TIME_LIMIT_S:g} s" if code is None else f"exit {code}, no result: {last}"
-    return verdict.within(name, None, "messages", None, 0, why)
+    count: int | None = len(messages)
+    note = " ".join(messages[0].split()) if messages else ""
+    if not messages and (code != 0 or not finished):
+        last = (output.strip().splitlines() or ["no output"])[-1]
+        note = f"no result within {TIME_LIMIT_S:g} s" if code is None else f"exit {code}, no result: {last}"
+        count = None
+    return verdict.within(name, count, "messages", None, 0, note)
 
 
-def _icarus(name: str, root: Path, top: str, *arguments: str, standard: str = "-g2005") -> verdict.Row:
+def _icarus(
+    name: str, root: Path, top: str, parameters: Parameters, *arguments: str, standard: str = "-g2005"
+) -> verdict.Row:
+    values = (f"-P{top}.{key}={value}" for key, value in parameters.items())
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "design.vvp"
-        command = [tool("iverilog"), standard, "-Wall", "-o", str(out), "-s", top, *arguments]
+        command = [tool("iverilog"), standard, "-Wall", "-o", str(out), "-s", top, *values, *arguments]
         code, output = output_of(command, TIME_LIMIT_S, root)
         finished = out.is_file() and f'"{top}"' in out.read_text()
     # Icarus prints only warnings and errors, so every line counts.
@@ -56,9 +60,10 @@ def _icarus(name: str, root: Path, top: str, *arguments: str, standard: str = "-
     return _row(f"lint.icarus.{name}", code, output, messages, finished)
 
 
-def _verilator(name: str, root: Path, top: str, *arguments: str) -> verdict.Row:
-    place = verilator_root()
-    command = [str(place / "bin" / "verilator_bin"), "--lint-only", "-Wall", "--top-module", top, *arguments]
+def _verilator(name: str, root: Path, top: str, parameters: Parameters, *arguments: str) -> verdict.Row:
+    place, values = verilator_root(), (f"-G{key}={value}" for key, value in parameters.items())
+    command = [str(place / "bin" / "verilator_bin"), "--lint-only", "-Wall", "--top-module", top]
+    command += [*values, WAIVERS, *arguments]
     code, output = output_of(command, TIME_LIMIT_S, root, {"VERILATOR_ROOT": str(place)})
     messages = _VERILATOR_MESSAGE.findall(output)
     return _row(f"lint.verilator.{name}", code, output, messages, bool(_VERILATOR_DONE.search(output)))
@@ -87,7 +92,7 @@ def _yosys(
     return _row(f"lint.yosys.{name}", code, output, messages, finished), bits, types
 
 
-def _lint_yosys(root: Path, name: str, parameters: Mapping[str, int]) -> list[verdict.Row]:
+def _lint_yosys(root: Path, name: str, parameters: Parameters) -> list[verdict.Row]:
     """Return the row of Yosys, and rows that count latches, flops without reset, bits of memory."""
     header = header_values(root)
     rows, columns, bits = (parameters.get(k, header[f"DERMIS_{k}"]) for k in ("ROWS", "COLS", "CODE_BITS"))
@@ -144,15 +149,9 @@ def run_lint(root: Path = ROOT, configurations: Iterable[str] | None = None) -> 
     verilator_root()
     chosen = {name: CONFIGURATIONS[name] for name in configurations or CONFIGURATIONS}
     rows = [_lint_file_list(root)]
-    for name, values in chosen.items():
-        parameters = (f"-P{TOP}.{key}={value}" for key, value in values.items())
-        rows.append(_icarus(name, root, TOP, "-c", FILE_LIST, *parameters))
-    for name, values in chosen.items():
-        parameters = [f"-G{key}={value}" for key, value in values.items()]
-        rows.append(_verilator(name, root, TOP, *parameters, WAIVERS, "-f", FILE_LIST))
-    for name, values in chosen.items():
-        rows += _lint_yosys(root, name, values)
-    return rows
+    rows += [_icarus(name, root, TOP, values, "-c", FILE_LIST) for name, values in chosen.items()]
+    rows += [_verilator(name, root, TOP, values, "-f", FILE_LIST) for name, values in chosen.items()]
+    return rows + [row for name, values in chosen.items() for row in _lint_yosys(root, name, values)]
 
 
 def lint_wrapper(root: Path = ROOT) -> list[verdict.Row]:
@@ -161,8 +160,8 @@ def lint_wrapper(root: Path = ROOT) -> list[verdict.Row]:
     rows = []
     for form, define in (("wrapper", []), ("wrapper_power_pins", ["-DUSE_POWER_PINS"])):
         rows += [
-            _icarus(form, root, top, *define, "-c", FILE_LIST, *WRAPPER),
-            _verilator(form, root, top, *define, WAIVERS, "-f", FILE_LIST, *WRAPPER),
+            _icarus(form, root, top, {}, *define, "-c", FILE_LIST, *WRAPPER),
+            _verilator(form, root, top, {}, *define, "-f", FILE_LIST, *WRAPPER),
             _yosys(form, root, " ".join([*define, *WRAPPER]), top)[0],
         ]
     return rows
@@ -170,15 +169,12 @@ def lint_wrapper(root: Path = ROOT) -> list[verdict.Row]:
 
 def lint_models(root: Path = ROOT) -> list[verdict.Row]:
     """Lint the real-number models in Icarus and Verilator (Yosys has no real numbers)."""
-    lists = ("-f", FILE_LIST, "-f", MODELS_FILE_LIST)
+    options = ("--no-timing", MODELS_WAIVERS, "-f", FILE_LIST, "-f", MODELS_FILE_LIST)
     alone = ("-c", FILE_LIST, "-c", MODELS_FILE_LIST, "models/verilog/skin_alone.sv")
     rows = []
     for name, values in _LISTED["models"].items():
-        parameters = [f"-Pskin_alone.{key}={value}" for key, value in values.items()]
-        rows.append(_icarus(name, root, "skin_alone", *parameters, *alone, standard="-g2012"))
-        parameters = [f"-G{key}={value}" for key, value in values.items()]
-        options = ["--no-timing", *parameters, WAIVERS, MODELS_WAIVERS, *lists]
-        rows.append(_verilator(name, root, "skin", *options))
+        rows.append(_icarus(name, root, "skin_alone", values, *alone, standard="-g2012"))
+        rows.append(_verilator(name, root, "skin", values, *options))
     return rows
 
 

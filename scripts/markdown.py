@@ -10,11 +10,12 @@ from dermis.report.verdict import Row
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]], rule: str = "---") -> str:
-    """Return a table; `rule` aligns its columns, one for all or `---|--:` with one each."""
+    """Return a table; `rule` aligns its columns, one for all or `---|--:` with one each. Bars in cells are escaped."""
     head = list(head)
     rules = rule.split("|") if "|" in rule else [rule] * len(head)
     lines = [f"| {' | '.join(head)} |".replace("|  |", "| |"), f"|{'|'.join(rules)}|"]
-    return "\n".join([*lines, *(f"| {' | '.join(cells)} |" for cells in rows)])
+    escaped = ((cell.replace("|", "\\|") for cell in cells) for cells in rows)
+    return "\n".join([*lines, *(f"| {' | '.join(cells)} |" for cells in escaped)])
 
 
 def limits(low: float | None, high: float | None) -> str:
@@ -24,14 +25,12 @@ def limits(low: float | None, high: float | None) -> str:
 
 
 def rows_table(rows: Iterable[Row]) -> str:
-    """Return verdict rows as Markdown."""
     lines = []
     for row in rows:
         bounds = (("≥", row["min"]), ("≤", row["max"]))
         limit = ", ".join(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)
         value = "" if row["value"] is None else f"{row['value']:.6g}"
-        note = row["note"].replace("|", "\\|")
-        lines.append((f"`{row['name']}`", value, row["unit"], limit, row["status"], note))
+        lines.append((f"`{row['name']}`", value, row["unit"], limit, row["status"], row["note"]))
     head = ("name", "value", "unit", "limit", "status", "note")
     return table(head, lines, "---|--:|---|---|---|---")
 

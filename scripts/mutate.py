@@ -83,7 +83,6 @@ class Mutant:
     shown: str  # the line before and after
 
     def apply(self, text: str) -> str:
-        """Return the source of the module with the change."""
         return text[: self.start] + self.new + text[self.end :]
 
 
@@ -170,23 +169,17 @@ def judges(module: str, rtl: Path) -> str:
     return digest(sorted(set(files), key=lambda path: (path.name, path.read_bytes())))[:16]
 
 
-def _empty(name: str) -> Path:
-    """Make an empty directory for a run."""
+def _overlay(rtl: Path, name: str, mutant: Mutant | None = None) -> tuple[Path, Path]:
+    """Return a new directory for a run, and in it the sources of rtl/, one of them mutated or none."""
     work = BUILD / "mutate" / "work" / name
     shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
-    return work
-
-
-def _overlay(rtl: Path, mutant: Mutant | None, work: Path) -> Path:
-    """Make a directory of the sources of rtl/, one of them mutated or none."""
     tree = work / "rtl"
     tree.mkdir(parents=True)
     for path in [*rtl.glob("*.v"), *rtl.glob("*.vh")]:
         text = path.read_text()
         changed = mutant is not None and path.stem == mutant.module
         (tree / path.name).write_text(mutant.apply(text) if changed else text)
-    return tree
+    return work, tree
 
 
 def _noticed_by_proof(block: Block, tree: Path, key: str) -> tuple[str | None, bool]:
@@ -220,9 +213,9 @@ def _run_tests(block: Block, tree: Path, work: Path, limit_s: float) -> int | No
 
 def control(module: str, rtl: Path) -> float:
     """Return the seconds of the tests on the unchanged module; SimulatorError if they fail."""
-    work = _empty(f"control_{module}")
+    work, tree = _overlay(rtl, f"control_{module}")
     start = time.perf_counter()
-    code = _run_tests(BLOCKS[module], _overlay(rtl, None, work), work, CONTROL_LIMIT_S)
+    code = _run_tests(BLOCKS[module], tree, work, CONTROL_LIMIT_S)
     if code != 0:
         said = f"take more than {CONTROL_LIMIT_S:g} s" if code is None else f"end with exit code {code}"
         raise SimulatorError(f"the tests of the unchanged {module} {said}", work / "pytest.log")
@@ -285,11 +278,10 @@ def fate(doubts: Sequence[str], same: bool | None) -> tuple[str, str | None]:
 
 def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TEST_LEAST_S) -> dict[str, Any]:
     """Try one mutant; return its fate: stillborn, killed, equivalent, survives or undecided."""
-    work = _empty(mutant.key)
     start = time.perf_counter()
+    work, tree = _overlay(rtl, mutant.key, mutant)
     end, killer = "stillborn", None
     try:
-        tree = _overlay(rtl, mutant, work)
         sources = [tree / f"{name}.v" for name in (mutant.module, *below(mutant.module, tree))]
         command = ["iverilog", "-g2005", "-t", "null", "-s", mutant.module, f"-I{tree}", *map(str, sources)]
         code = children.run_child(command, work, work / "compile.log", COMPILE_LIMIT_S)

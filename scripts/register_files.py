@@ -43,17 +43,14 @@ class Part:
 
     @property
     def mask(self) -> int:
-        """Mask of the field in its word."""
         return ((1 << self.width) - 1) << self.low
 
     @property
     def bits(self) -> str:
-        """Range of bits in the word."""
         return f"{self.low + self.width - 1}:{self.low}" if self.width > 1 else f"{self.low}"
 
     @property
     def all_lanes(self) -> str:
-        """Width of all lanes together."""
         return self.lanes if self.lane_bits == "1" else f"{self.lane_bits}*{self.lanes}"
 
     @property
@@ -103,16 +100,13 @@ class Entry:
 
     @property
     def reset(self) -> int:
-        """The whole word after reset."""
         return sum(part.reset << part.low for part in self.parts)
 
     def mask(self, *kinds: str) -> int:
-        """Return the bits of fields of some kinds."""
         return sum(part.mask for part in self.parts if part.kind in kinds)
 
 
 def parameters(design: Design) -> dict[str, int]:
-    """Return the parameters of the map for a design."""
     values = {"ROWS": design.array.rows, "COLS": design.array.cols}
     for name in ("code_bits", "gate_clocks", "settle_clocks", "break_clocks"):
         values[name.upper()] = getattr(design.timing, name)
@@ -193,7 +187,6 @@ def files(design: Design, root: Path) -> dict[str, str]:
 
 
 def table(design: Design, root: Path) -> str:
-    """Return the table of docs/registers.md."""
     lines = [
         "| address | register | bits | name | access | reset | meaning |",
         "|---|---|---|---|---|---|---|",

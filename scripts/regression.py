@@ -25,7 +25,7 @@ from dermis.records import Plan
 from dermis.report import figures, output, verdict, waves
 from dermis.report.comparison import compare, fit_residual
 from dermis.scene.design import ROOT
-from dermis.scene.scene import SCENES
+from dermis.scene.scene import SCENES, from_data
 from scripts import cosims
 from scripts.judged import SHOW, finish
 
@@ -76,24 +76,20 @@ def frame_file_case(
     # The name depends on the file and the options, so that two parallel runs do not share a scene.
     asked = hashlib.sha256(repr((path.resolve(), select, unit, key, rows, cols)).encode()).hexdigest()[:12]
     scene = ROOT / "build" / "frame_files" / f"{path.stem}_{asked}.toml"
-
-    def write(chosen: Any) -> None:
-        stimulus = {"kind": "frames", "file": str(path.resolve()), "unit": unit, "select": chosen}
-        stimulus |= {} if key is None else {"key": key}
-        title = "".join(c for c in f"Frames of {path.name}" if c.isprintable())
-        array = {"rows": rows, "cols": cols}
-        write_atomic(scene, tomli_w.dumps({"title": title, "array": array, "stimulus": stimulus}))
-
-    chosen: str | list[int] = select
+    chosen: str | list[int] = "all" if select == "spread" else select
     if select not in ("spread", "all", "first", "last"):
         if not re.fullmatch(r"\s*\d+\s*(,\s*\d+\s*)*", select, re.ASCII):
             allowed = "spread, all, first, last, or frame numbers such as 0,10,20"
             raise InputError("command line", "--select", select, allowed)
         chosen = [int(word) for word in select.split(",")]
-    write("all" if select == "spread" else chosen)
+    stimulus = {"kind": "frames", "file": str(path.resolve()), "unit": unit, "select": chosen}
+    stimulus |= {} if key is None else {"key": key}
+    title = "".join(c for c in f"Frames of {path.name}" if c.isprintable())
+    data = {"title": title, "array": {"rows": rows, "cols": cols}, "stimulus": stimulus}
     if select == "spread":
-        last = plan.load(scene).frames - 1
-        write(sorted({round(i * last / 3) for i in range(4)}))
+        last = plan.make(from_data(data, scene)).frames - 1
+        stimulus["select"] = sorted({round(i * last / 3) for i in range(4)})
+    write_atomic(scene, tomli_w.dumps(data))
     return Case("frame_file", scene, readback=unit == "codes")
 
 

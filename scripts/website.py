@@ -141,7 +141,6 @@ def timing_diagram(design: Design, path: Path) -> None:
 
 
 def commands_page() -> str:
-    """Return the help of every command."""
     programs, shown = set(cli.elsewhere()) - set(cli.LATER), []
     for name in cli.cli.list_commands(click.Context(cli.cli)):
         said = CliRunner().invoke(cli.cli, [name, "--help"], terminal_width=90, prog_name="dermis").output

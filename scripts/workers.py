@@ -77,7 +77,6 @@ def _outcome(future: Future[tuple[Outcome, list[str]]], task: Task) -> Outcome:
 
 
 def _measured(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcome:
-    """Run one task in a worker."""
     value, fault = None, ""
     start = time.perf_counter()
     try:

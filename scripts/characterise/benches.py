@@ -30,8 +30,6 @@ Values = Callable[[Found], dict[str, float]]
 
 @dataclass(frozen=True)
 class Condition:
-    """Condition at which a bench is measured."""
-
     corner: str = "tt"  # one of sky130.CORNERS or PASSIVE_CORNERS
     celsius: float = 27.0
     supply: float = 1.0  # both rails, as a share of their nominal value
@@ -472,7 +470,6 @@ _MEAS = re.compile(r"^\.?(?:meas \w+|print) (\w+)", re.MULTILINE)
 
 
 def unit(quantity: str) -> str:
-    """Return the SI unit of a quantity."""
     return _UNITS[quantity.partition(".")[0].rpartition("_")[2]]
 
 

@@ -159,7 +159,6 @@ DRAWN: dict[str, tuple[Callable[[Outcomes, Figure], None], tuple[float, float]]]
 
 
 def write(found: Sequence[Series], runs: Runs) -> None:
-    """Write table and figures."""
     markdown.write(DOCS, "table", "characterise", table(found, runs))
     for name, (draw, size) in DRAWN.items():
         figure = Figure(figsize=size, layout="constrained")

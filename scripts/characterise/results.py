@@ -210,7 +210,6 @@ def _moved(job: Job, other: Outcome, outcomes: Mapping[Job, Outcome]) -> tuple[f
 
 
 def write_values(outcomes: Mapping[Job, Outcome]) -> None:
-    """Write VALUES, whole or not at all."""
     values: dict[str, dict[str, float]] = {}
     drawn: dict[str, dict[str, float]] = {}
     for job, outcome in outcomes.items():

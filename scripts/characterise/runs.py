@@ -48,8 +48,6 @@ _ENDS = re.compile(r"^\s*\.ends\b", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Measured:
-    """Results of a deck."""
-
     values: Mapping[str, float]  # by lower-case name of its `.meas`
     rungs: tuple[str, ...] = ()  # what was given up on the way, in words (docs/ladder.md)
     seconds: float = 0.0  # wall clock of ngspice
@@ -108,7 +106,6 @@ def key(text: str) -> str:
 
 
 def kept(name: str) -> Measured | None:
-    """Return the stored result of a hash, or None."""
     try:
         told = json.loads((KEPT / f"{name}.json").read_text(encoding="utf-8"))
         values, exceeded = dict(told["values"]), dict(told["exceeded"])

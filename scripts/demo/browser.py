@@ -62,7 +62,6 @@ def session() -> Iterator[Any]:
 
 
 def screen(driver: Any, width: int, height: int, dark: bool) -> None:
-    """Give the browser a screen of a size, dark or light."""
     scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
     driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": scheme})
     size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
@@ -126,7 +125,6 @@ def presses(count: int = 20, seed: int = 0) -> list[str]:
 
 
 def speed(driver: Any, clocks: int = 15_000_000) -> float:
-    """Return frames per second by the clock."""
     design = load_design()
     frames = max(5, clocks // (design.array.rows * design.timing.slot_clocks))
     call(driver, "bench", frames // 5)  # the browser has compiled everything by then

@@ -122,7 +122,6 @@ def _script(value: Any) -> str:
 
 
 def build(out: Path = PAGE) -> Path:
-    """Write the page; return its path."""
     write_atomic(out, page(load_design()))
     return out
 

@@ -43,7 +43,6 @@ class Record(NamedTuple):
     attributes: dict[str, str]
 
     def numbers(self, first: int, last: int) -> list[float]:
-        """Return fields as numbers."""
         return [float(field) for field in self.fields[first:last]]
 
 
@@ -153,7 +152,6 @@ def _dots(placed: list[Place]) -> list[Point]:
 
 
 def draw(sheet: Path) -> str:
-    """Return a sheet as SVG."""
     placed = places(sheet)
     drawn = [
         _text(record, place) if record.kind == "T" else _shape(record, place)
@@ -261,7 +259,6 @@ def differences(text: Mapping[str, Subckt], drawn: Mapping[str, Subckt]) -> dict
 
 
 def written(place: Path = TEXT) -> dict[str, Subckt]:
-    """Return the subcircuits of the text."""
     found: dict[str, Subckt] = {}
     for path in [*sorted(place.glob("*.sp")), place / "devices.inc"]:
         found |= parse(path.read_text(encoding="utf-8"), path)
@@ -328,7 +325,6 @@ def undrawable(text: Mapping[str, Subckt]) -> list[str]:
 
 
 def pictures(target: Path) -> None:
-    """Draw every sheet as SVG into a directory."""
     target.mkdir(parents=True, exist_ok=True)
     for sheet in sorted(SHEETS.glob("*.sch")):
         write_atomic(target / f"{sheet.stem}.svg", draw(sheet))

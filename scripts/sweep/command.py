@@ -229,16 +229,11 @@ FILES = {"sweep.csv", *(name for named in FIGURES.values() for name in named)}
 @click.option("--points", type=click.IntRange(8, POINTS_MAX), help="Number of resistances; 256, sky130 8.")
 @click.option("--topology", type=click.Choice(TOPOLOGIES), multiple=True, help="This interface (repeatable).")
 @click.option("--view", type=click.Choice(list(FIGURES)), default="behavioural", help="View of the blocks.")
-@click.option("--out", "directory", type=click.Path(), help="Directory for results; default below build/.")
+@click.option("--out", type=click.Path(), help="Directory for results; default below build/.")
 @click.option("--plot/--no-plot", default=True, help="Draw the figures.")
 @click.option("--physical/--no-physical", default=True, help="Also sweep with the physical defaults.")
 def sweep_command(
-    points: int | None,
-    topology: tuple[str, ...],
-    view: str,
-    directory: str | None,
-    plot: bool,
-    physical: bool,
+    points: int | None, topology: tuple[str, ...], view: str, out: str | None, plot: bool, physical: bool
 ) -> int:
     """Sweep resistance against frequency, by ngspice and the real Verilog, for the four interfaces.
 
@@ -246,24 +241,24 @@ def sweep_command(
     into build/sweep_sky130.json.
     """
     name = "sweep" if view == "behavioural" else f"sweep_{view}"
-    out = output.prepare(BUILD / name if directory is None else directory)
+    place = output.prepare(BUILD / name if out is None else out)
     chosen = tuple(dict.fromkeys(topology)) or TOPOLOGIES
     if view == "behavioural":
         points = points or 256
-        made, rows, failed = curves.run(chosen, points, out, with_physical=physical)
+        made, rows, failed = curves.run(chosen, points, place, with_physical=physical)
     else:
         if not physical:
             allowed = "only with --view behavioural, whose blocks are ideal or have physical defaults"
             raise InputError("command line", "--no-physical", f"--view {view}", allowed)
         points = points or curves.POINTS_TRANSISTORS
-        made, rows, failed = curves.run_transistors(chosen, points, out)
+        made, rows, failed = curves.run_transistors(chosen, points, place)
     for file in FILES:
-        (out / file).unlink(missing_ok=True)  # no file of an earlier sweep stays
+        (place / file).unlink(missing_ok=True)  # no file of an earlier sweep stays
     if made:
-        write_atomic(out / "sweep.csv", table(made))
+        write_atomic(place / "sweep.csv", table(made))
         for file, draw in FIGURES[view].items() if plot else ():
-            draw(made, out / file)
+            draw(made, place / file)
     title = f"{points} resistances, {len(chosen)} interfaces: Verilog and ngspice ({view} blocks)"
     code = finish(name, rows, title)
-    click.echo(f"table, figures and scenes are in {os.path.relpath(out)}")
+    click.echo(f"table, figures and scenes are in {os.path.relpath(place)}")
     return SimulatorError.exit_code if failed else code

@@ -243,7 +243,6 @@ class Curve:
 
 
 def judge(curve: Curve) -> list[verdict.Row]:
-    """Return the verdict rows of one interface."""
     ideal, on_code, gate = curve.ideal, curve.on_code, curve.gate
 
     def key(name: str) -> str:

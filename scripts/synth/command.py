@@ -122,7 +122,6 @@ def timing_rows(netlist: Netlist, suffix: str) -> list[verdict.Row]:
 
 
 def equivalence_row(netlist: Netlist, size: Size, suffix: str) -> verdict.Row:
-    """Judge the equivalence of netlist and Verilog."""
     work = netlist.directory / "equivalence"
     proof = prove(netlist.technology, size.parameters, netlist.verilog, netlist.json, work)
     name = f"synth.not_equivalent.{suffix}"
@@ -133,10 +132,8 @@ def equivalence_row(netlist: Netlist, size: Size, suffix: str) -> verdict.Row:
     return verdict.judge(name, 0 if proof.proved else 1, note if proof.proved else f"{note}; {proof.said}")
 
 
-def synthesise(
-    technology: Technology, size: Size, *, blocks: bool = True, equivalence: bool = True
-) -> tuple[list[verdict.Row], Netlist | None]:
-    """Map one size in one library; return the rows that judge it, and the netlist if there is one."""
+def synthesise(technology: Technology, size: Size, *, equivalence: bool = True) -> list[verdict.Row]:
+    """Map one size in one library; return the rows that judge it."""
     suffix, rows, made = f"{technology.name}.{size.name}", list[verdict.Row](), None
     start = time.perf_counter()
     with attempt(rows, f"synth.netlist.{suffix}"):
@@ -148,22 +145,18 @@ def synthesise(
     if made and equivalence:
         with attempt(rows, f"synth.not_equivalent.{suffix}"):
             rows.append(equivalence_row(made, size, suffix))
-    if blocks:
-        with attempt(rows, f"synth.blocks.{suffix}"):
-            directory = place(technology, size)
-            whole = map_design(technology, size.parameters, directory, hierarchical=True)
-            area = verdict.report(
-                f"synth.area_by_blocks_um2.{suffix}", whole.area_um2, "um2", "hierarchy kept"
-            )
-            rows.append(area)
-            # Of each module, submodules and all instances included.
-            for name, block in sorted(whole.blocks.items(), key=lambda item: -item[1]["area_um2"]):
-                note = f"{block['instances']} instances: {block['cells']} cells, {block['flops']} flops"
-                name = f"synth.block_um2.{name}.{suffix}"
-                rows.append(verdict.report(name, block["area_um2"], "um2", note))
+    with attempt(rows, f"synth.blocks.{suffix}"):
+        whole = map_design(technology, size.parameters, place(technology, size), hierarchical=True)
+        name = f"synth.area_by_blocks_um2.{suffix}"
+        rows.append(verdict.report(name, whole.area_um2, "um2", "hierarchy kept"))
+        # Of each module, submodules and all instances included.
+        for name, block in sorted(whole.blocks.items(), key=lambda item: -item[1]["area_um2"]):
+            note = f"{block['instances']} instances: {block['cells']} cells, {block['flops']} flops"
+            name = f"synth.block_um2.{name}.{suffix}"
+            rows.append(verdict.report(name, block["area_um2"], "um2", note))
     seconds = time.perf_counter() - start
     rows.append(verdict.report(f"synth.seconds.{suffix}", seconds, "s", "all of the above"))
-    return rows, made
+    return rows
 
 
 def constraint_rows() -> list[verdict.Row]:
@@ -268,7 +261,7 @@ def synth_command(
             if sizes:
                 judged += size_rows(technology, one)
             else:
-                judged += synthesise(technology, one, equivalence=not no_proof)[0]
+                judged += synthesise(technology, one, equivalence=not no_proof)
     title = "Synthesis of sizes" if sizes else f"Synthesis of {size.name}"
     code = finish("synth_sizes" if sizes else "synth", judged, f"{title}, before layout")
     if code == 0 and docs and sizes:

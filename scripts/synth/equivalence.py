@@ -36,8 +36,6 @@ Bit = int | str
 
 @dataclass(frozen=True)
 class Proof:
-    """Outcome of a proof."""
-
     proved: bool | None  # None: not decided
     state_bits: int  # flops and latches compared
     unpaired: int  # state bits of the Verilog that the netlist does not have, left free

@@ -20,17 +20,14 @@ _JINJA.filters["spice"] = spice_number
 
 
 def path(name: str) -> Path:
-    """Return the file of a template."""
     return Path(__file__).parent / f"{name}.in"
 
 
 def text(name: str, **given: object) -> str:
-    """Return the text of a template."""
     return _JINJA.get_template(f"{name}.in").render(given, license=LICENSE)
 
 
 def rendered(page: str, **given: object) -> str:
-    """Return the text of a template that is given."""
     return _JINJA.from_string(page).render(given)
 
 

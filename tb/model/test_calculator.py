@@ -37,7 +37,7 @@ def test_the_papers_targets_give_exactly_the_papers_design(targets: dict[str, An
     assert answer.design() == dd.load()
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A place of the test's own for verdicts."""
     monkeypatch.setattr(verdict, "BUILD", tmp_path)
@@ -60,15 +60,15 @@ targets = st.fixed_dictionaries(
 )
 
 
-def random_targets(targets: dict[str, Any]) -> calculator.Targets:
-    """Return the targets with a range that its bits resolve."""
-    return make_targets(**targets, r_max_ohm=targets["r_min_ohm"] * 2 ** targets["bits"] * 0.9)
+def in_range(targets: dict[str, Any]) -> dict[str, Any]:
+    """Add a range that the bits resolve."""
+    return targets | {"r_max_ohm": targets["r_min_ohm"] * 2 ** targets["bits"] * 0.9}
 
 
 @settings(deadline=None, max_examples=200, derandomize=True)
 @given(targets)
 def test_feasible_targets_become_a_design_that_meets_them(targets: dict[str, Any]) -> None:
-    answer = solve(random_targets(targets))
+    answer = solve(make_targets(**in_range(targets)))
     assume(answer.feasible)
     # The loader accepts it and derives the same clocks.
     design = answer.design()
@@ -126,8 +126,7 @@ IMPOSSIBLE = [
 def test_impossible_targets_name_the_limit_and_the_nearest_ones_meet_it(
     name: str, targets: dict[str, Any], said: str
 ) -> None:
-    targets = make_targets(**targets)
-    answer = solve(targets)
+    answer = solve(make_targets(**targets))
     assert not answer.feasible
     row = judged(answer)[name]
     assert row["status"] == "FAIL"
@@ -137,7 +136,7 @@ def test_impossible_targets_name_the_limit_and_the_nearest_ones_meet_it(
     nearest = answer.nearest[f"calculator.{name}"]
     assert nearest
     assert all(key in row["note"] for key in nearest)
-    row = judged(solve(targets.replace(nearest)))[name]
+    row = judged(solve(make_targets(**(targets | nearest))))[name]
     assert row["status"] == "PASS", row["note"]
 
 
@@ -152,14 +151,14 @@ def test_every_limit_of_the_calculator_is_missed_by_some_targets() -> None:
     st.sampled_from([{}, {"f_clk_hz": 5e6}, {"gate_clocks": 510}, {"gain_dc": 100.0}, {"v_bias_v": 0.5}]),
 )
 def test_the_nearest_targets_meet_each_missed_limit(targets: dict[str, Any], more: dict[str, Any]) -> None:
+    targets = in_range(targets) | more
     try:
-        targets = random_targets(targets).replace(more)
-        answer = solve(targets)
+        answer = solve(make_targets(**targets))
     except InputError:
         assume(False)
     assert {r["name"] for r in answer.rows if r["status"] == "FAIL"} == set(answer.nearest)
     for name, nearest in answer.nearest.items():
-        row = judged(solve(targets.replace(nearest)))[name.removeprefix("calculator.")]
+        row = judged(solve(make_targets(**(targets | nearest))))[name.removeprefix("calculator.")]
         assert row["status"] == "PASS", (name, nearest, row["note"])
 
 
@@ -185,18 +184,19 @@ def test_leak_and_noise_are_those_of_their_formulas() -> None:
         (["--r-min-ohm", "500", "--r-max-ohm", "400"], "r_max_ohm = 400.0: above the 500 ohm"),
         (["--force-min-n", "20"], "force_min_n = 20.0: below the full force"),
         (["--f-clk-hz", "100", "--frame-s", "1e-3"], "f_clk_hz = 100.0: at least one clock"),
+        pytest.param(
+            "--write --bits 9 --f-clk-hz 4e6".split(), "gate_margin_clocks", marks=pytest.mark.paper
+        ),
     ],
 )
 def test_wrong_targets_are_refused_in_one_line(arguments: list[str], said: str) -> None:
-    refused(arguments, said)
-
-
-def refused(arguments: list[str], said: str) -> None:
+    before = dd.DESIGN_FILE.read_bytes()
     run = CliRunner().invoke(calculator.calc_command, arguments)
     assert isinstance(run.exception, InputError)
     assert run.exception.exit_code == 2
     assert said in str(run.exception)
     assert "\n" not in str(run.exception)
+    assert dd.DESIGN_FILE.read_bytes() == before
 
 
 @pytest.mark.parametrize(("arguments", "code"), [([], 0), (["--k", "50"], 1)])
@@ -233,7 +233,6 @@ def test_write_changes_values_and_keeps_every_comment(tmp_path: Path) -> None:
 
 @pytest.mark.paper
 @pytest.mark.parametrize(("options", "warned"), [("--rows 8 --frame-s 0.001", False), ("--k 40", True)])
-@pytest.mark.usefixtures("build")
 def test_write_says_that_transistors_are_sized_for_another_design(
     options: str, warned: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -242,14 +241,6 @@ def test_write_says_that_transistors_are_sized_for_another_design(
     assert run.exception is None, run.exception
     assert "written: " in run.output
     assert ("the transistors of spice/sky130 are sized for" in run.output) == warned, run.output
-
-
-@pytest.mark.paper
-@pytest.mark.usefixtures("build")
-def test_write_refuses_what_misses_a_limit_in_one_line() -> None:
-    before = dd.DESIGN_FILE.read_bytes()
-    refused(["--write", "--bits", "9", "--f-clk-hz", "4e6"], "gate_margin_clocks")
-    assert dd.DESIGN_FILE.read_bytes() == before
 
 
 def test_the_sensor_keeps_its_k_force_when_one_end_is_named() -> None:

@@ -186,22 +186,15 @@ def test_each_taxel_of_the_array_file_is_its_own_parameter(tmp_path: Path, subck
 
 
 @pytest.mark.paper
-@pytest.mark.parametrize(("subckt", "coupled"), [("array", False), ("array_lateral", True)])
-def test_lateral_resistors_join_neighbouring_columns_of_every_row(
-    tmp_path: Path, subckt: str, coupled: bool
-) -> None:
+def test_lateral_resistors_join_neighbouring_columns_of_every_row(tmp_path: Path) -> None:
     lift = " ".join(f"r_r{r}c{c}_ohm=1e15" for r in range(16) for c in range(16))
     pins = " ".join(["0"] * 16 + [f"col{c}" for c in range(16)])
-    lateral = " r_lateral_ohm=1600" if coupled else ""
-    lines = [f'.include "{dd.ROOT}/spice/array/array.sp"', f"xarray {pins} {subckt} {lift}{lateral}"]
-    lines += ["vdrive col0 0 1", "vend col15 0 0"]
+    lines = [f'.include "{dd.ROOT}/spice/array/array.sp"', "vdrive col0 0 1", "vend col15 0 0"]
+    lines += [f"xarray {pins} array_lateral {lift} r_lateral_ohm=1600"]
     got = spice_op(tmp_path, "\n".join(lines), "i(vend)", "v(col6)")
-    # 16 rows of 1600 ohm in parallel are 100 ohm a step, 15 steps from end to end
-    assert got["i(vend)"] == pytest.approx(1 / 1500 if coupled else 0.0, rel=1e-6, abs=1e-9)
-    if coupled:
-        # gmin at 16 nodes beside resistors of 1e15 ohm and 100 ohm a step: parts in 1e9; ngspice's reltol
-        # 1e-6 bounds it.
-        assert got["v(col6)"] == pytest.approx(1 - 6 / 15, rel=1e-6)
+    # 16 rows of 1600 ohm in parallel are 100 ohm a step, 15 steps from end to end; gmin at 16 nodes beside them is
+    # parts in 1e9, and ngspice's reltol 1e-6 bounds it.
+    assert got == pytest.approx({"i(vend)": 1 / 1500, "v(col6)": 1 - 6 / 15}, rel=1e-6)
 
 
 @settings(deadline=None)

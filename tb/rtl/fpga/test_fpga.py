@@ -68,8 +68,8 @@ def test_a_charge_pin_that_drives_a_one_is_seen(tmp_path: Path) -> None:
 def test_lint_of_the_board_top_has_no_message(name: str) -> None:
     files = [path.relative_to(ROOT) for path in rtl_sources() if path.stem != fpga.RAM]
     sources = [str(path) for path in (*files, MEMORY, TOP)]
-    values = [f"-G{key}={value}" for key, value in fpga.BOARDS[name]["parameters"].items()]
-    row = lint._verilator(name, ROOT, fpga.BOARD_TOP, *values, "-Irtl", lint.WAIVERS, *sources)
+    parameters = fpga.BOARDS[name]["parameters"]
+    row = lint._verilator(name, ROOT, fpga.BOARD_TOP, parameters, "-Irtl", *sources)
     assert row["status"] == "PASS", row
 
 

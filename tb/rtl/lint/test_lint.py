@@ -4,7 +4,6 @@
 import importlib.util
 import re
 import shutil
-import stat
 import sys
 from pathlib import Path
 
@@ -174,32 +173,26 @@ def test_impossible_parameters_stop_every_tool_by_name(
         assert rule in output, name
 
 
-# A tool that says nothing must not pass: exit 0 without a result, and no end at all.
-
-
-def replace_tool(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str, script: str) -> None:
-    fake = tmp_path / "bin" / name
-    fake.parent.mkdir(exist_ok=True)
-    fake.write_text(f"#!/bin/sh\n{script}\n")
-    fake.chmod(fake.stat().st_mode | stat.S_IEXEC)
-    if name == "verilator_bin":
-        monkeypatch.setattr(lint, "verilator_root", lambda: tmp_path)
-    else:
-        monkeypatch.setenv("PATH", f"{fake.parent}:{sys.exec_prefix}/bin:/usr/bin:/bin")
-
-
 @pytest.mark.long
-@pytest.mark.parametrize("program", ["iverilog", "verilator_bin", "yosys"])
+@pytest.mark.parametrize(
+    ("program", "tool"), [*zip(["iverilog", "verilator_bin", "yosys"], TOOLS, strict=True)]
+)
 @pytest.mark.parametrize(
     ("script", "note"), [("exit 0", "no result"), ("exit 139", "exit 139"), ("sleep 60", "within")]
 )
 def test_tool_that_gives_no_result_is_an_error_not_a_pass(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, program: str, script: str, note: str
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, program: str, tool: str, script: str, note: str
 ) -> None:
     if note == "within":
         monkeypatch.setattr(lint, "TIME_LIMIT_S", 8.0)
-    replace_tool(monkeypatch, tmp_path, program, script)
-    tool = {"iverilog": "icarus", "verilator_bin": "verilator", "yosys": "yosys"}[program]
+    fake = tmp_path / "bin" / program
+    fake.parent.mkdir()
+    fake.write_text(f"#!/bin/sh\n{script}\n")
+    fake.chmod(0o755)
+    if tool == "verilator":
+        monkeypatch.setattr(lint, "verilator_root", lambda: tmp_path)
+    else:
+        monkeypatch.setenv("PATH", f"{fake.parent}:{sys.exec_prefix}/bin:/usr/bin:/bin")
     rows = {row["name"]: row for row in lint.run_lint(configurations=("1x1",))}
     assert rows[f"lint.{tool}.1x1"]["status"] == "ERROR"
     assert note in rows[f"lint.{tool}.1x1"]["note"]
@@ -246,12 +239,7 @@ def test_no_path_between_the_clocks_and_no_raw_reset_is_without_its_reason(
 @pytest.mark.parametrize(
     ("module", "old", "new", "said"),
     [
-        (
-            "dermis_top",
-            ".hold_toggle_i (hold_toggle)",
-            ".hold_toggle_i (hold_toggle & enable)",
-            "gates before",
-        ),
+        ("dermis_top", "_toggle_i (hold_toggle)", "_toggle_i (hold_toggle & enable)", "gates before"),
         ("dermis_top", "  (row_sense_i)", "  (row_select_o)", "no path for the exception"),
         ("dermis_spi", "assign cipo_o           = cipo_q;", "assign cipo_o = cipo_q; `error", "no netlist"),
     ],
@@ -263,9 +251,3 @@ def test_what_is_no_synchronizer_is_named(copy: Path, module: str, old: str, new
     except SimulatorError as error:
         found = [str(error)]
     assert any(said in line for line in found), found
-
-
-def test_a_fault_that_has_no_place_is_an_error(copy: Path, tmp_path: Path) -> None:
-    edit(copy, "dermis_frame_buffer", "assign free  =", "assign   free =")
-    with pytest.raises(ValueError, match="substring"):
-        list(crossings.seeded(copy, tmp_path / "seeded"))

@@ -62,7 +62,8 @@ def chip(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[verdict.Row], N
     directory = tmp_path_factory.mktemp("chip")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(synth, "place", lambda technology, size, what="": directory / f"{size.name}{what}")
-        return synth.synthesise(OSU035, SIZE, blocks=False)
+        rows = synth.synthesise(OSU035, SIZE)
+        return rows, map_once(OSU035, SIZE.parameters, synth.place(OSU035, SIZE))
 
 
 @pytest.mark.long
