@@ -71,9 +71,7 @@ class Targets(BaseModel, strict=True, extra="forbid", frozen=True, allow_inf_nan
 
 
 def make_targets(**targets: Any) -> Targets:
-    """Check targets and return them; InputError for an unknown name, text for a number, NaN, a value
-    out of range, or two targets for the same quantity.
-    """
+    """Check targets and return them; InputError for a wrong name, type or value, or two targets for one quantity."""
     made: Targets = validate(Targets, targets, FILE)
     twice = {"frame_rate_hz": "frame_s", "i_sensor_a": "v_bias_v", "force_min_n": "r_max_ohm"}
     for name, other in twice.items():
@@ -273,7 +271,7 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
         "direct": r_min / array_rows,
         "multi_output_conveyor": exact(base.conveyor.r_z_ohm),
     }.get(topology, exact(base.mirror.r_out_ohm))
-    scale = k if topology == "direct" else 1
+    scale = k if topology == "direct" else Fraction(1)
     tau = gain_dc * source_ohm * c_int * scale
 
     answer = Answer(
@@ -336,12 +334,7 @@ def _slot_clocks(gate: int, settle: Fraction, base: Design) -> int:
 
 
 def _judged(
-    answer: Answer,
-    slot_s: Fraction,
-    settle: Fraction,
-    needed: int,
-    source_ohm: Fraction,
-    scale: Fraction | int,
+    answer: Answer, slot_s: Fraction, settle: Fraction, needed: int, source_ohm: Fraction, scale: Fraction
 ) -> Answer:
     """Add the verdict rows, and for each missed limit the nearest targets that meet it.
 

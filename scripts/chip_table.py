@@ -224,9 +224,8 @@ def datasheet_command(docs: bool) -> int:
             tell(done)
     values["chip.area_mm2"] = {CONDITIONS[0].at: 1e-6 * area_um2(written(), "dermis_analog_front_end")}
     rows = rows_of(dict(sorted(values.items())))
-    code = finish(
-        "datasheet", rows, "The chip in transistors: a taxel alone (taxel), 16 of a row alike (row)"
-    )
+    title = "The chip in transistors: a taxel alone (taxel), 16 of a row alike (row)"
+    code = finish("datasheet", rows, title)
     if docs:
         markdown.write(ROOT / "docs" / "datasheet.md", "chip", "datasheet", table(rows))
         click.echo("written: docs/datasheet.md")

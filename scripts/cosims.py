@@ -13,10 +13,7 @@ Task = Callable[[Callable[[int], None]], Any]
 
 
 def run(label: str, tasks: Mapping[str, tuple[int, Task]], at_once: int | None = None) -> dict[str, Any]:
-    """Run tasks, each with its row slots, all or some at once; return the result or the failure of each.
-
-    Any other error ends all of them.
-    """
+    """Run tasks, each with its row slots; return the result or SimulatorError of each. Another error ends all."""
     done = dict.fromkeys(tasks, 0)
     total = sum(slots for slots, _ in tasks.values())
     with progress.slots(label, total) as show, children.threads(at_once or len(tasks)) as pool:

@@ -33,10 +33,7 @@ BOUND_SCENES = ("cylindrical_indenter", "slipping_cylinder")
 def sample(
     name: str | None, engine: str = "closed", itself: bool = True, design: Design | None = None
 ) -> Plan:
-    """Plan a small scene with one effect at its defaults, or without it `itself`; None: no effect.
-
-    Effects that it requires are on in both cases.
-    """
+    """Plan a small scene with what an effect needs, and the effect at its defaults if `itself`; None: no effect."""
     names = [*EFFECTS[name].needs, *([name] if itself else [])] if name else []
     usual = name is None or "conveyor_mirror" in EFFECTS[name].topologies
     data: dict[str, Any] = {

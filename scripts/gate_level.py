@@ -103,15 +103,10 @@ def run(
         raise SimulatorError(f"{error.what}, {design.name}", error.log) from None
 
 
-def pins_of(design: Design) -> Any:
-    """Return frames, registers and all pins in every clock of a design."""
-    return run(design, PIN_BENCH, "reads_frames", SCENARIO)
-
-
-def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> list[verdict.Row]:
-    """Judge the pins of a netlist against those of the Verilog (`wanted`)."""
-    wanted = pins_of(Design("the Verilog", None, size.parameters)) if wanted is None else wanted
-    got = pins_of(netlist_design(netlist))
+def pin_rows(netlist: Netlist, size: Size, suffix: str) -> list[verdict.Row]:
+    """Judge the pins of a netlist against those of the Verilog."""
+    designs = (Design("the Verilog", None, size.parameters), netlist_design(netlist))
+    wanted, got = (run(design, PIN_BENCH, "reads_frames", SCENARIO) for design in designs)
 
     def unlike(ours: Sequence[Any], theirs: Sequence[Any]) -> int:
         return abs(len(ours) - len(theirs)) + sum(a != b for a, b in zip(ours, theirs, strict=False))

@@ -263,9 +263,9 @@ def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) ->
 
 
 def fate(doubts: Sequence[str], same: bool | None) -> tuple[str, str | None]:
-    """Return the fate of a mutant that no counterexample and no failing test has killed, and its
-    reason: `doubts` are proofs that fail without one and tests that timed out, `same` the result of
-    the equivalence check.
+    """Return the fate of a mutant that no counterexample and no failing test has killed, and its reason.
+
+    `doubts` are proofs that fail without one and tests that timed out, `same` is the result of the equivalence check.
     """
     if same:
         return "equivalent", None

@@ -185,9 +185,7 @@ SHEET_SCALE = 1.25
 
 
 def schematic_pages(source: Path) -> None:
-    """Give each block of schematics.md its own page, and leave a list of them; SimulatorError if a
-    block is there twice.
-    """
+    """Give each block of schematics.md its own page, and list them; SimulatorError if a block is there twice."""
     page = source / "schematics.md"
     intro, *sections = re.split(r"^## ", page.read_text(encoding="utf-8"), flags=re.M)
     listed = [intro.rstrip()]

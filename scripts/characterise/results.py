@@ -51,16 +51,13 @@ class Series:
     @property
     def worst(self) -> str:
         """Where it is closest to its limit or farthest beyond it; without a limit, farthest from typical."""
-        rule, middle = limit_of(self.name), self.typical or 0.0
-
-        def room(where: str) -> float:
-            value = self.values[where]
-            if rule is None:
-                return -abs(value - middle)
-            sides = [value - rule.min] if rule.min is not None else []
-            return min([*sides, rule.max - value] if rule.max is not None else sides)
-
-        return min(self.values, key=room)
+        if (rule := limit_of(self.name)) is None:
+            return max(self.values, key=lambda where: abs(self.values[where] - (self.typical or 0.0)))
+        low, high = (
+            (-math.inf if rule.min is None else rule.min),
+            (math.inf if rule.max is None else rule.max),
+        )
+        return min(self.values, key=lambda where: min(self.values[where] - low, high - self.values[where]))
 
     def command(self, where: str) -> str:
         """Return the line that measures this quantity there and nothing else."""

@@ -250,11 +250,8 @@ def jobs_of(
             and CODES_A_UNIT.keys() & {q.partition(".")[0] for q in BENCHES[name].units}
         ]
     drawn = [replace(begin, sample=n) for n in range(1, last + 1)]
-    return [
-        *jobs,
-        *(Job(name, place) for place in drawn for name in names if BENCHES[name].samples),
-        *numerics,
-    ]
+    jobs += [Job(name, place) for place in drawn for name in names if BENCHES[name].samples]
+    return jobs + numerics
 
 
 def outcome(job: Job, measured: Measured) -> Outcome:

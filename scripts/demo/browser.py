@@ -84,9 +84,8 @@ def wait(driver: Any, condition: str) -> Any:
 
 def call(driver: Any, name: str, frames: int) -> Any:
     """Return the answer of a function of the page to a number of frames."""
-    return driver.execute_async_script(
-        f"const done = arguments[1]; demo.{name}(arguments[0]).then(done)", frames
-    )
+    script = f"const done = arguments[1]; demo.{name}(arguments[0]).then(done)"
+    return driver.execute_async_script(script, frames)
 
 
 def wrong_codes(driver: Any, folder: Path, frames: int = 1) -> int:
@@ -156,10 +155,7 @@ def measure(page: Path) -> list[verdict.Row]:
 
 
 def ramp_wrong(driver: Any) -> int:
-    """Return the number of taxels whose code differs from that of their resistance.
-
-    The codes rise by one from taxel to taxel.
-    """
+    """Return the number of wrong codes where those of the resistances rise by one from taxel to taxel."""
     script = """
       const done = arguments[0], d = DESIGN, unit = d.v_bias_v / (d.k * d.i0_a);
       const meant = (i) => i % (d.code_max + 1);

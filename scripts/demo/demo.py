@@ -55,9 +55,7 @@ def have_compiler() -> str | None:
 
 
 def wasm(design: Design) -> bytes:
-    """Return dermis_top, the array and the channels as WebAssembly, compiled only if a source has
-    changed; SimulatorError if Verilator or the compiler is missing, failed or exceeded its time.
-    """
+    """Return the chip as WebAssembly, compiled if a source changed; SimulatorError if a tool is missing or failed."""
     if reason := have_compiler():
         raise SimulatorError(reason)
     headers = [path for folder in rtl_include_dirs() for path in sorted(folder.glob("*.vh"))]

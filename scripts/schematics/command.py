@@ -208,9 +208,7 @@ def bits(name: str) -> list[str]:
 
 
 def parse(text: str, source: Path) -> dict[str, Subckt]:
-    """Return the subcircuits of a netlist by name; InputError if a name occurs twice, or a statement
-    is neither an element nor a known directive.
-    """
+    """Return the subcircuits of a netlist by name; InputError for a name that is there twice, or another statement."""
     found: dict[str, Subckt] = {}
     here: Subckt | None = None
     text = re.sub(r"\[(\d+)\]", r"\1", text.lower())

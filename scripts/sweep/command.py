@@ -79,6 +79,7 @@ OHM, KHZ = "resistance of the taxel R / ohm", "pulse frequency f / kHz"
 FORCE = "force on the taxel F = K_f / R / N"
 
 Scale = Callable[[Floats], Floats]
+Line = tuple[Floats, Floats]
 
 
 def _force(ohm: Floats) -> Floats:
@@ -97,11 +98,7 @@ def _laws(
 
 
 def _marks(
-    axes: Any,
-    curves: Sequence[Curve],
-    points: Iterable[tuple[Floats, Floats]],
-    most: int = 0,
-    scale: Scale = np.asarray,
+    axes: Any, curves: Sequence[Curve], points: Iterable[Line], most: int = 0, scale: Scale = np.asarray
 ) -> None:
     """Draw the points of each curve, across and up; with `most`, that number of all curves, each its share.
 

@@ -116,7 +116,7 @@ def physical_effects(topology: str, design: Design) -> dict[str, Any]:
 
 
 def make_plan(
-    directory: Path,
+    folder: Path,
     topology: str,
     laid_ohm: Floats,
     named: dict[str, Any],
@@ -126,7 +126,7 @@ def make_plan(
     """Write a scene and its resistances, so that `dermis run` can repeat it, and plan it."""
     name = f"{topology}{'_physical' if named else ''}"
     lines = [",".join(repr(float(r)) for r in row) for frame in laid_ohm for row in frame]
-    write_atomic(directory / f"{name}.csv", "\n".join(lines) + "\n")
+    write_atomic(folder / f"{name}.csv", "\n".join(lines) + "\n")
     scene = {
         "title": title,
         "array": {"rows": laid_ohm.shape[1], "cols": laid_ohm.shape[2]},
@@ -135,8 +135,8 @@ def make_plan(
         "effects": named,
         "run": {"engine": "cosim", "views": views},
     }
-    write_atomic(directory / f"{name}.toml", tomli_w.dumps(scene))
-    made = plan.load(directory / f"{name}.toml")
+    write_atomic(folder / f"{name}.toml", tomli_w.dumps(scene))
+    made = plan.load(folder / f"{name}.toml")
     engines.check(made)
     return made
 
@@ -260,9 +260,8 @@ def judge(curve: Curve) -> list[verdict.Row]:
     exact_key = key("rate_error_exact_lsb")
     exact_rate = verdict.skip(exact_key, "no such resistance in the sweep")
     if on_code.any():
-        exact_rate = verdict.judge(
-            exact_key, int(error[on_code].max()), f"{on_code.sum()} resistances where x = c/{gate}"
-        )
+        note = f"{on_code.sum()} resistances where x = c/{gate}"
+        exact_rate = verdict.judge(exact_key, int(error[on_code].max()), note)
     period = _largest(gate / ideal.period_clocks - gate * curve.x)
     *_, residual = straight_line(curve, ideal)
     said = "f from all pulse times: residual of a straight line of 1/R"
@@ -333,9 +332,8 @@ def plain_ngspice(work: Path) -> list[verdict.Row]:
     shutil.copytree(ROOT / "spice", work)
     try:
         text = BENCH.read_text()
-        ohm, clocks = (
-            int(re.findall(rf"^\.param {p} = (\d+)$", text, re.M)[0]) for p in ("r_taxel", "n_clocks")
-        )
+        given = (re.findall(rf"^\.param {name} = (\d+)$", text, re.M)[0] for name in ("r_taxel", "n_clocks"))
+        ohm, clocks = map(int, given)
         measured = spice_batch.run(Path(shutil.copy(BENCH, work / "bench")), BENCH_LIMIT_S)
         pulses = measured.values["pulses"]
     except (IndexError, KeyError, SimulatorError) as error:

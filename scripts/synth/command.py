@@ -122,8 +122,7 @@ def timing_rows(netlist: Netlist, suffix: str) -> list[verdict.Row]:
 
 
 def equivalence_row(netlist: Netlist, size: Size, suffix: str) -> verdict.Row:
-    work = netlist.directory / "equivalence"
-    proof = prove(netlist.technology, size.parameters, netlist.verilog, netlist.json, work)
+    proof = prove(netlist, size.parameters, netlist.directory / "equivalence")
     name = f"synth.not_equivalent.{suffix}"
     note = f"{proof.state_bits} state bits, {proof.outputs} functions"
     note += f", {proof.unpaired} state bits without a partner are free" if proof.unpaired else ""

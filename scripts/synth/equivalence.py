@@ -20,8 +20,8 @@ from dermis.chip.sources import read_verilog, rtl_sources
 from dermis.errors import SimulatorError
 from dermis.processes.children import run_logged
 from scripts.judged import tool
-from scripts.synth.cells import SYNTH, Technology, for_cells
-from scripts.synth.map import TOP, WORDS_TO_FLOPS, elaborate, run_yosys
+from scripts.synth.cells import SYNTH, for_cells
+from scripts.synth.map import TOP, WORDS_TO_FLOPS, Netlist, elaborate, run_yosys
 
 PROOF_LIMIT_S = 900.0
 # In order: gates; every state element as one kind with set and clear, active high; and and not.
@@ -44,10 +44,7 @@ class Proof:
 
 
 class _Side:
-    """One of the two designs: its gates, cut states by output bit, and ports by name.
-
-    `nets` names the bits that are inputs of the network.
-    """
+    """One of the two designs: gates, cut states by output bit, ports by name, and names of the network's input bits."""
 
     def __init__(self, path: Path) -> None:
         modules = json.loads(path.read_text())["modules"].values()
@@ -160,30 +157,18 @@ def compare(gold: Path, gate: Path, aliases: Path, directory: Path) -> Proof:
     return Proof(proved, len(partners) - unpaired, unpaired, len(mine), told)
 
 
-def prove(
-    technology: Technology,
-    parameters: Mapping[str, int],
-    netlist: Path,
-    aliases: Path,
-    directory: Path,
-    *,
-    top: str = TOP,
-) -> Proof:
-    """Prove a flat Verilog netlist equal to the Verilog it was made from; arguments as for mapping.
-
-    `aliases` is the JSON of the same netlist with all its names. SimulatorError if
-    Yosys or ABC failed.
-    """
+def prove(netlist: Netlist, parameters: Mapping[str, int], directory: Path, *, top: str = TOP) -> Proof:
+    """Prove a flat netlist equal to its Verilog; arguments as for mapping. SimulatorError if Yosys or ABC failed."""
     directory.mkdir(parents=True, exist_ok=True)
     read = read_verilog(sources=for_cells(rtl_sources(), None))
     verilog = [read, *elaborate(parameters, top), "flatten", "opt_clean", *WORDS_TO_FLOPS]
     mapped = [
-        f"read_liberty -ignore_miss_func {technology.typical}",
-        *(f"read_verilog -overwrite {model}" for model in technology.functions()),
-        f"read_verilog {netlist}",
+        f"read_liberty -ignore_miss_func {netlist.technology.typical}",
+        *(f"read_verilog -overwrite {model}" for model in netlist.technology.functions()),
+        f"read_verilog {netlist.verilog}",
         *(f"hierarchy -check -top {top}", "flatten", "proc", "opt_clean"),
     ]
     sides = {"gold": verilog, "gate": mapped}
     for name, script in sides.items():
         run_yosys([*script, *_CUT, f"write_json {directory / name}.json"], directory, name, PROOF_LIMIT_S)
-    return compare(directory / "gold.json", directory / "gate.json", aliases, directory)
+    return compare(directory / "gold.json", directory / "gate.json", netlist.json, directory)

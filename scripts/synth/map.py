@@ -191,10 +191,7 @@ def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
 def map_once(
     technology: Technology, parameters: Mapping[str, int], directory: Path, *, fresh: bool = False
 ) -> Netlist:
-    """Return the netlist in `directory` if its inputs are unchanged and not `fresh`, else map it.
-
-    A second process for the same directory waits for the first.
-    """
+    """Return the netlist in `directory`, mapped if its inputs have changed or `fresh`; a second process waits."""
     directory.mkdir(parents=True, exist_ok=True)
     netlist = Netlist(technology, directory, directory / "netlist.v", directory / "netlist.json")
     mark, key, made = directory / "made_from", _key(technology, parameters), (netlist.verilog, netlist.json)

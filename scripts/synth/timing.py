@@ -92,6 +92,10 @@ UNTIMED = {
 }
 
 
+def _checks(what: str) -> str:
+    return f"report_checks -format full_clock_expanded -digits 4 -path_delay {what}"
+
+
 @dataclass(frozen=True)
 class Timing:
     """A netlist at a corner; every run of OpenSTA leaves its script and log in `directory`.
@@ -142,15 +146,9 @@ class Timing:
         return said
 
     def worst(self, periods: Mapping[str, float]) -> dict[tuple[str, str], Path_]:
-        """Return the worst setup ("max") and hold ("min") path of each clock, and of the groups ASYNC
-        (recovery and removal) and GATING that there are; periods in ns.
-        """
+        """Return the worst setup ("max") and hold ("min") path of each clock, of ASYNC and of GATING; periods in ns."""
         name = f"sta_{self.corner}"
-        reports = [
-            f"report_checks -path_delay {kind} -format full_clock_expanded -digits 4"
-            for kind in ("max", "min")
-        ]
-        paths = parse(self._run(name, periods, reports, "cut_crossings"))
+        paths = parse(self._run(name, periods, [_checks("max"), _checks("min")], "cut_crossings"))
         if missing := [f"{k} {clock}" for clock in CLOCKS for k in ("max", "min") if (clock, k) not in paths]:
             raise self._pathless(f"for {', '.join(missing)}", name)
         return paths
@@ -159,8 +157,8 @@ class Timing:
         """Return the longest path into each clock from the other, against its bound in the SDC."""
         name = f"sta_{self.corner}_crossings"
         reports = [
-            f'puts "to {receiver}"\nreport_checks -path_delay max -from [get_clocks {sender}] '
-            f"-to [get_clocks {receiver}] -format full_clock_expanded -digits 4"
+            f'puts "to {receiver}"\n'
+            + _checks(f"max -from [get_clocks {sender}] -to [get_clocks {receiver}]")
             for sender, receiver in (CLOCKS, CLOCKS[::-1])
         ]
         said = self._run(name, periods, reports)
@@ -189,10 +187,7 @@ class Timing:
 
     def to_safe_ns(self, periods: Mapping[str, float]) -> float:
         """Return the delay from the enable pin through the clear of a flop to the last of the outputs."""
-        reports = [
-            "set sta_preset_clear_arcs_enabled 1",
-            "report_checks -from [get_ports enable_i] -path_delay max -format full_clock_expanded -digits 4",
-        ]
+        reports = ["set sta_preset_clear_arcs_enabled 1", _checks("max -from [get_ports enable_i]")]
         name = f"sta_{self.corner}_to_safe"
         said = self._run(name, periods, reports, "cut_crossings", "to_safe")
         if not (found := re.search(r"^ *([\d.]+) +data arrival time", said, re.M)):

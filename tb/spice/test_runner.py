@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from ngspice_batch import SECTIONS, SPICE, Bench, run
+from ngspice_batch import SECTIONS, SPICE, run
 
 from dermis.chip import sky130, spice_batch
 from dermis.errors import SimulatorError
@@ -74,13 +74,6 @@ def test_a_measurement_that_fails_is_an_error_also_unmentioned(tmp_path: Path) -
         run(deck(tmp_path, text))
     with pytest.raises(SimulatorError, match="did not measure v_half"):
         run(deck(tmp_path, text.replace("run\nquit", "quit")))
-
-
-def test_an_edit_that_matches_nothing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="0 times"):
-        Bench("vfc__tran", edits={"behavioural/vfc.sp": [("no such text", "")]}).write(tmp_path / "a")
-    with pytest.raises(ValueError, match="0 lines"):
-        Bench("vfc__tran", params={"no_such_parameter": 1.0}).write(tmp_path / "b")
 
 
 @pytest.mark.parametrize("name", BENCHES)

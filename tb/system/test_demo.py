@@ -157,16 +157,6 @@ def test_presets_and_lift_all(fresh: Any, tmp_path: Path) -> None:
     wait(fresh, "demo.state().latest.codes.every((code) => code === 0)")
 
 
-def test_correction_puts_droop_back(fresh: Any) -> None:
-    wiring = {"row_ohm": 10, "column_ohm": 5, "lateral": 30, "offset": 1, "mismatch": 3}
-    for name, value in {"force": 12, **wiring}.items():
-        slide(fresh, name, value)
-    error = "Number.parseFloat(document.getElementById('error').textContent)"
-    wait(fresh, f"{error} > 0.5")
-    by_id(fresh, "corrected").click()
-    assert wait(fresh, f"{error} < 0.3")
-
-
 def test_correct_alone_wires_the_sheet_and_shows_before_beside_after(fresh: Any) -> None:
     number = "(id) => Number(document.getElementById(id).textContent.match(/[0-9.]+/))"
     newtons = f"['before', 'after'].map({number})"

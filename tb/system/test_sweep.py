@@ -18,7 +18,7 @@ from dermis import plan, records
 from dermis.converter import vfc
 from dermis.effects import EFFECTS
 from dermis.engines import closed
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import SimulatorError
 from dermis.report import verdict
 from dermis.scene import design
 from dermis.scene.design import TOPOLOGIES
@@ -267,16 +267,3 @@ def test_a_simulator_that_fails_costs_its_interface_only(
     names = status(rows)
     assert names["sweep.rate_error_lsb.direct"] == "ERROR"
     assert names["sweep.rate_error_lsb.conveyor_mirror"] == "PASS"
-
-
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [("--points", "7"), ("--topology", "fig3"), ("--view", "osu035"), ("--out", __file__)],
-)
-def test_a_bad_option_is_refused_before_the_sweep(
-    option: str, value: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sweep, "run", lambda *a, **k: pytest.fail("the sweep began"))
-    done = CliRunner().invoke(command.sweep_command, [option, value])
-    assert done.exit_code == 2 or isinstance(done.exception, InputError)
-    assert option.lstrip("-") in done.output + str(done.exception)

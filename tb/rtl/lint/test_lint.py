@@ -11,6 +11,7 @@ import pytest
 
 from dermis.errors import InputError, SimulatorError
 from scripts import crossings, lint
+from scripts.markdown import filled
 
 pytestmark = pytest.mark.timeout(120)
 ROOT = Path(__file__).resolve().parents[3]
@@ -26,9 +27,7 @@ def copy(tmp_path: Path) -> Path:
 
 def edit(root: Path, module: str, old: str, new: str) -> None:
     path = root / "rtl" / f"{module}.v"
-    text = path.read_text()
-    assert text.count(old) == 1
-    path.write_text(text.replace(old, new))
+    path.write_text(filled(path.read_text(), {old: new}, path.name))
 
 
 def status(root: Path, *configurations: str) -> dict[str, str]:
