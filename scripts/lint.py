@@ -16,7 +16,7 @@ from dermis.report import verdict
 from dermis.scene.design import ROOT
 from scripts import crossings
 from scripts.judged import finish, none, tool
-from scripts.synth.map import Size
+from scripts.synth.map import Size, elaborate
 
 WAIVERS = "rtl/lint/verilator_waiver.vlt"
 # The slowest run, Yosys at 128 x 128, takes 10 s.
@@ -70,15 +70,15 @@ def _verilator(name: str, root: Path, top: str, parameters: Parameters, *argumen
 
 
 def _yosys(
-    name: str, root: Path, read: str, top: str, latches: int | None = None
+    name: str, root: Path, read: str, top: str, parameters: Parameters, latches: int | None = None
 ) -> tuple[verdict.Row, int | None, dict[str, int] | None]:
     """Return the row; with `latches` also bits of memory, and cells by type of the flat design."""
     with tempfile.TemporaryDirectory() as scratch:
         cells, memories = Path(scratch) / "cells.json", Path(scratch) / "memories.json"
-        script = [read_verilog(root, read), f"hierarchy -check -top {top}", "proc"]
+        script = [read_verilog(root, read), *elaborate(parameters, top)]
         # Before `memory`, whose write ports would count as flops; then the words stay together as $mem.
         flat = ["flatten", "check -assert", f"tee -q -o {memories} stat -json", "memory -nomap", "opt_clean"]
-        script += ["check -assert", *([] if latches is None else flat), f"tee -q -o {cells} stat -json"]
+        script += [*([] if latches is None else flat), f"tee -q -o {cells} stat -json"]
         if latches is not None:
             script.append(f"select -assert-count {latches} t:$dlatch t:$adlatch t:$dlatchsr")
         command = [tool("yosys"), "-Q", "-T", "-p", "; ".join(script)]
@@ -97,8 +97,7 @@ def _lint_yosys(root: Path, name: str, parameters: Parameters) -> list[verdict.R
     header = header_values(root)
     rows, columns, bits = (parameters.get(k, header[f"DERMIS_{k}"]) for k in ("ROWS", "COLS", "CODE_BITS"))
     size = Size(rows, columns, bits, bool(parameters.get("SYNC_LATCH")))
-    values = " ".join(f"-chparam {key} {value}" for key, value in parameters.items())
-    first, memory, cells = _yosys(name, root, "", f"{TOP} {values}", size.latches)
+    first, memory, cells = _yosys(name, root, "", TOP, parameters, size.latches)
 
     def count(what: str, unit: str, wanted: int, rule: str, *kinds: str) -> verdict.Row:
         found = memory if not kinds or cells is None else sum(cells.get(kind, 0) for kind in kinds)
@@ -162,7 +161,7 @@ def lint_wrapper(root: Path = ROOT) -> list[verdict.Row]:
         rows += [
             _icarus(form, root, top, {}, *define, "-c", FILE_LIST, *WRAPPER),
             _verilator(form, root, top, {}, *define, "-f", FILE_LIST, *WRAPPER),
-            _yosys(form, root, " ".join([*define, *WRAPPER]), top)[0],
+            _yosys(form, root, " ".join([*define, *WRAPPER]), top, {})[0],
         ]
     return rows
 

@@ -439,10 +439,6 @@ def supply_rejection(found: Found) -> dict[str, float]:
     }
 
 
-def _noise(at: str, text: str) -> Bench:
-    return _bench(f"noise_{at}", partial(noise, at=at), text)
-
-
 def noise_body(source: str, dut: str, share: str = "s^2", highest: str = "1meg") -> str:
     """Return the deck of the noise of a circuit: its source, share of the spectrum and highest frequency."""
     return body("noise", dut=dut.strip(), source=source, share=share, highest=highest)
@@ -473,94 +469,87 @@ def unit(quantity: str) -> str:
     return _UNITS[quantity.partition(".")[0].rpartition("_")[2]]
 
 
-def _bench(name: str, values: Values, text: str | None = None, **more: object) -> Bench:
-    """Return a bench; its quantities are those that `values` makes of any measures of its deck."""
-    text = body(name) if text is None else text
-    probe = {measure: 1.0 + 0.1 * n * n for n, measure in enumerate(dict.fromkeys(_MEAS.findall(text)))}
-    units = {quantity: unit(quantity) for quantity in values(probe)}
-    return Bench(name, text, values, units, **more)
-
-
+BENCHES: dict[str, Bench] = {}
 _SIDES = ("sink", "source")
 _OUTPUT = "xout{0} gate cp line{0} vdd bias_output\nxline{0} line{0} vdd vss bias_line"
-_ALL = (
-    # A cascoded unit of the charge source.
-    _bench("reference", lambda found: {"reference_error": -found["i_unit"] / 5e-6 - 1.0}, samples=True),
-    # Of the voltage at the external resistor.
-    _bench(
-        "reference_step",
-        lambda m: {"reference_overshoot": (m["most"] - m["after"]) / (m["after"] - m["before"])},
-        body("reference_step", outputs="\n".join(map(_OUTPUT.format, range(17)))),
-    ),
-    _bench("amplifier", amplifier),
-    _bench("amplifier_offset", amplifier_offset, samples=True),
-    _bench("chain_k80", partial(chain, k=80), _chain(80, "ibias vdd vss mirror_fixed k=80"), samples=True),
-    *(_bench(f"chain_k{k}", partial(chain, k=k), chain_by_pins_body(k)) for k in (20, 40, 160)),
-    *(
-        _bench(f"vfc_{side}", partial(vfc, side=side), _vfc_body(side), samples=True, trtol=_EDGES_TRTOL)
-        for side in _SIDES
-    ),
-    # From the crossing of a ramp of 0.5 V a clock.
-    _bench("comparator", lambda found: {"comparator_delay_s": found["late"] - 140e-9}, samples=True),
-    _bench("comparator_offset", partial(level, block="comparator_offset", measured="offset"), samples=True),
-    _bench("density_sink", partial(density, side="sink"), body("density", sign="", dut="vfc")),
-    _bench("density_source", partial(density, side="source"), body("density", sign="-", dut="vfc_inverted")),
-    _bench(
-        "conveyor_multi",
-        multi,
-        body(
-            "conveyor_multi", measures=_finds([n * 1e-4 for n in range(11)], {"zp": "i(vzp)", "zn": "i(vzn)"})
-        ),
-        samples=True,
-    ),
-    _bench("direct", partial(vfc, side="direct"), _vfc_body("direct"), samples=True, trtol=_EDGES_TRTOL),
-    _bench("column", column, samples=True),
-    _bench("phase_margin", partial(named, prefix="phase_margin", add=180.0), _phase_margin_body()),
-    *(
-        _bench(f"pulse_{side}", partial(pulse, side=side), body("pulse", source=source), trtol=1.0)
-        for side, source in zip(_SIDES, ("charge_source", "charge_source_inverted"), strict=True)
-    ),
-    _bench("return_crosstalk", partial(crosstalk, wire="return"), _crosstalk_body(1.0, 1e-3)),
-    _bench("mid_rail_crosstalk", partial(crosstalk, wire="mid_rail"), _crosstalk_body(1e-3, 1.0)),
-    _bench("overload", overload),
-    _bench("start_up", start_up),
-    _bench("r_x", lambda found: {f"r_x_ohm.f{f}": found[f"r{f}"] for f in R_X_HZ}),
-    *(
-        _bench(f"settling_{side}", partial(settling, side=side), body("settling", one=one, other=other))
-        for side, one, other in (("low", 0.5, 0), ("high", 0, 0.5))
-    ),
-    *(
-        _bench(f"supply_{name}", partial(supply, topology=name), body("supply", topology=name))
-        for name in TOPOLOGIES
-    ),
-    _bench("supply_blocks", partial(named, prefix="supply_block_a")),
-    _bench("supply_rejection", supply_rejection, _supply_rejection_body()),
-    _noise("full", noise_body("ix", body("noise_taxel", k=80, i="1m", r="500"))),
-    _noise("low", noise_body("ix", body("noise_taxel", k=80, i="7.8u", r="64.25k"))),
-    _noise("null", noise_body("vpreset", body("noise_null"), "1 + s^2 - 2*s*cos(turn)", "100meg")),
-    _noise("packet", noise_body("vc", body("noise_packet", high_v=sky130.V_DIGITAL_V))),
-    _bench("row_driver_driven", partial(row_driver, side="driven"), row_driver_body(1)),
-    _bench("row_driver_held", partial(row_driver, side="held"), row_driver_body(0)),
-    _bench(
-        "test_current",
-        lambda m: {"test_current_a": m["at_27"], "test_current_ratio_125c": m["at_125"] / m["at_27"]},
-    ),
-    _bench("pedestal", lambda found: {"pedestal_error": found["at_0"] / 16e-6 - 1.0}),
-    _bench("row_sense", partial(level, block="row_sense", nominal_v=0.25)),
-    _bench("level_down", partial(level, block="level_down")),
-    _bench("row_change", row_change, trtol=1.0),
-    _bench("esd_clamp", esd_clamp),
-    *(
-        _bench(f"channel_{name}", partial(channel, topology=name), _channel_body(name))
-        for name in (*TOPOLOGIES, "switched")
-    ),
-    _bench("front_end", front_end, _front_end_body(), trtol=1.0),  # with 7 a floating node is at 5.6 V
-    *(
-        _bench(f"sequencing_{ramp}", partial(sequencing, ramp=ramp), _sequencing_body(ramp_s))
-        for ramp, ramp_s in (("10us", 10e-6), ("10ms", 10e-3))
-    ),
+
+
+def _add(
+    name: str,
+    values: Callable[..., dict[str, float]],
+    text: str | None = None,
+    *,
+    samples: bool = False,
+    trtol: float = Bench.trtol,
+    **given: object,
+) -> None:
+    """Add a bench; its quantities are those that `values`, given more, makes of any measures of its deck."""
+    text, values = body(name) if text is None else text, partial(values, **given)
+    probe = {measure: 1.0 + 0.1 * n * n for n, measure in enumerate(dict.fromkeys(_MEAS.findall(text)))}
+    units = {quantity: unit(quantity) for quantity in values(probe)}
+    BENCHES[name] = Bench(name, text, values, units, samples, trtol)
+
+
+# A cascoded unit of the charge source.
+_add("reference", lambda found: {"reference_error": -found["i_unit"] / 5e-6 - 1.0}, samples=True)
+# Of the voltage at the external resistor.
+_add(
+    "reference_step",
+    lambda m: {"reference_overshoot": (m["most"] - m["after"]) / (m["after"] - m["before"])},
+    body("reference_step", outputs="\n".join(map(_OUTPUT.format, range(17)))),
 )
-BENCHES: dict[str, Bench] = {bench.name: bench for bench in _ALL}
+_add("amplifier", amplifier)
+_add("amplifier_offset", amplifier_offset, samples=True)
+_add("chain_k80", chain, _chain(80, "ibias vdd vss mirror_fixed k=80"), samples=True, k=80)
+for _k in (20, 40, 160):
+    _add(f"chain_k{_k}", chain, chain_by_pins_body(_k), k=_k)
+for _side in _SIDES:
+    _add(f"vfc_{_side}", vfc, _vfc_body(_side), samples=True, trtol=_EDGES_TRTOL, side=_side)
+# From the crossing of a ramp of 0.5 V a clock.
+_add("comparator", lambda found: {"comparator_delay_s": found["late"] - 140e-9}, samples=True)
+_add("comparator_offset", level, samples=True, block="comparator_offset", measured="offset")
+_add("density_sink", density, body("density", sign="", dut="vfc"), side="sink")
+_add("density_source", density, body("density", sign="-", dut="vfc_inverted"), side="source")
+_BOTH = _finds([n * 1e-4 for n in range(11)], {"zp": "i(vzp)", "zn": "i(vzn)"})
+_add("conveyor_multi", multi, body("conveyor_multi", measures=_BOTH), samples=True)
+_add("direct", vfc, _vfc_body("direct"), samples=True, trtol=_EDGES_TRTOL, side="direct")
+_add("column", column, samples=True)
+_add("phase_margin", named, _phase_margin_body(), prefix="phase_margin", add=180.0)
+for _side, _source in zip(_SIDES, ("charge_source", "charge_source_inverted"), strict=True):
+    _add(f"pulse_{_side}", pulse, body("pulse", source=_source), trtol=1.0, side=_side)
+_add("return_crosstalk", crosstalk, _crosstalk_body(1.0, 1e-3), wire="return")
+_add("mid_rail_crosstalk", crosstalk, _crosstalk_body(1e-3, 1.0), wire="mid_rail")
+_add("overload", overload)
+_add("start_up", start_up)
+_add("r_x", lambda found: {f"r_x_ohm.f{f}": found[f"r{f}"] for f in R_X_HZ})
+_add("settling_low", settling, body("settling", one=0.5, other=0), side="low")
+_add("settling_high", settling, body("settling", one=0, other=0.5), side="high")
+for _name in TOPOLOGIES:
+    _add(f"supply_{_name}", supply, body("supply", topology=_name), topology=_name)
+_add("supply_blocks", named, prefix="supply_block_a")
+_add("supply_rejection", supply_rejection, _supply_rejection_body())
+_add("noise_full", noise, noise_body("ix", body("noise_taxel", k=80, i="1m", r="500")), at="full")
+_add("noise_low", noise, noise_body("ix", body("noise_taxel", k=80, i="7.8u", r="64.25k")), at="low")
+_NULL = noise_body("vpreset", body("noise_null"), "1 + s^2 - 2*s*cos(turn)", "100meg")
+_add("noise_null", noise, _NULL, at="null")
+_PACKET = noise_body("vc", body("noise_packet", high_v=sky130.V_DIGITAL_V))
+_add("noise_packet", noise, _PACKET, at="packet")
+_add("row_driver_driven", row_driver, row_driver_body(1), side="driven")
+_add("row_driver_held", row_driver, row_driver_body(0), side="held")
+_add(
+    "test_current",
+    lambda m: {"test_current_a": m["at_27"], "test_current_ratio_125c": m["at_125"] / m["at_27"]},
+)
+_add("pedestal", lambda found: {"pedestal_error": found["at_0"] / 16e-6 - 1.0})
+_add("row_sense", level, block="row_sense", nominal_v=0.25)
+_add("level_down", level, block="level_down")
+_add("row_change", row_change, trtol=1.0)
+_add("esd_clamp", esd_clamp)
+for _name in (*TOPOLOGIES, "switched"):
+    _add(f"channel_{_name}", channel, _channel_body(_name), topology=_name)
+_add("front_end", front_end, _front_end_body(), trtol=1.0)  # with 7 a floating node is at 5.6 V
+_add("sequencing_10us", sequencing, _sequencing_body(10e-6), ramp="10us")
+_add("sequencing_10ms", sequencing, _sequencing_body(10e-3), ramp="10ms")
 
 # Codes of 255 that a unit of a quantity is worth at x = 1/2, where it is worth most; by name up to the first dot. A
 # transient without any of them is not measured with another step or formula.
