@@ -6,8 +6,6 @@ For targets that cannot be met it names each missed limit and the nearest target
 Arithmetic is exact, on the decimals as written: the paper's targets give k = 80 and not 80.0000001.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping

@@ -46,11 +46,9 @@ def run_bench(
     environment = {"DERMIS_SCENARIO": str(work / "scenario.json"), "DERMIS_RESULT": str(result)}
     # Both simulators apply a write in the time step that it is made in; cocotb's own queue takes a quarter of the time.
     environment["COCOTB_TRUST_INERTIAL_WRITES"] = "1"
-    fault = ""
+    fault, options = "", {"testcase": testcase, "limit_s": limit_s, "run": run}
     try:
-        hdl.run_cocotb(
-            simulator, build, toplevel, bench, work, environment, testcase=testcase, limit_s=limit_s, run=run
-        )
+        hdl.run_cocotb(simulator, build, toplevel, bench, work, environment, **options)
     except SimulatorError as error:
         raise SimulatorError(f"{name}: {error.what}", log) from None
     except (RuntimeError, SystemExit, OSError) as error:  # cocotb's runner raises these for a failed test too

@@ -135,11 +135,9 @@ def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> R
     excluded: dict[Point, Exclusion] = {}
     for point in (point for point in asked if not reached[point]):
         subject = point.what if point.kind == "toggle" else text[point.module][point.line - 1].strip()
-        for entry in listed:
-            same = (entry.rule, entry.module) == (point.kind, point.module)
-            if same and re.fullmatch(entry.match, subject):
-                excluded[point] = entry
-                break
+        own = (entry for entry in listed if (entry.rule, entry.module) == (point.kind, point.module))
+        if entry := next((entry for entry in own if re.fullmatch(entry.match, subject)), None):
+            excluded[point] = entry
     stale = tuple(entry for entry in listed if entry not in excluded.values())
     return Result({point: reached[point] for point in sorted(asked)}, excluded, stale)
 

@@ -207,13 +207,11 @@ def _outcome(text: str, seconds: float, work: Path) -> Outcome:
     return Outcome(status, failed, seconds, work, note, len(set(_COVERED.findall(text))))
 
 
-def _row(
-    proof: Proof, what: str, outcomes: Sequence[Outcome], status: str, note: str, **more: object
-) -> verdict.Row:
+def _row(proof: Proof, what: str, outcomes: Sequence[Outcome], status: str, note: str) -> verdict.Row:
     seconds = round(sum(outcome.seconds for outcome in outcomes), 1)
     limit_s = proof.option("timeout") * len(outcomes)
     name = f"formal.{proof.name}{what}"
-    return verdict.within(name, seconds, "s", None, limit_s, note) | {"status": status} | more
+    return verdict.within(name, seconds, "s", None, limit_s, note) | {"status": status}
 
 
 def prove(proof: Proof, where: str = "formal") -> list[verdict.Row]:
@@ -292,7 +290,7 @@ def break_it(proof: Proof, fault: Fault, where: str = "formal") -> list[verdict.
         status, note = "FAIL", f"{said} fails, not {fault.breaks}"
     else:
         status, note = "ERROR", f"{outcome.status.lower()}: {outcome.note}"
-    return [_row(proof, f".fault.{fault.name}", [outcome], status, note, named=named)]
+    return [_row(proof, f".fault.{fault.name}", [outcome], status, note) | {"named": named}]
 
 
 def chosen(names: Sequence[str]) -> list[Proof]:

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -222,10 +223,7 @@ def power_rows(netlist: Netlist, size: Size, slots: Parameters, suffix: str) -> 
     run(design, TOP_BENCH, "client", scenario, WHOLE_LIMIT_S, with_changes)
     corner = liberty.CORNERS["tt"]
     counts, time_ns = power.toggles(vcd)
-
-    def inside(kind: str, pin: str) -> float:
-        return liberty.inside_fj(kind, pin, corner, ROOT / "build" / "liberty" / "tt")
-
+    inside = partial(liberty.inside_fj, corner=corner, directory=ROOT / "build" / "liberty" / "tt")
     parts = power.power_uw(netlist, corner.voltage_v, counts, time_ns, inside)
     vcd.unlink()
     said = ", ".join(f"{name} {part:.0f}" for name, part in parts.items())

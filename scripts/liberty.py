@@ -85,6 +85,10 @@ class Group:
         """Return the numbers of an attribute such as index_1 or values, in order."""
         return [float(word) for word in re.findall(r"[-+.\deE]+", self.attributes[attribute])]
 
+    def words(self, *attributes: str) -> list[str]:
+        """Return the names in some attributes, such as the functions of a state."""
+        return re.findall(r"[A-Za-z_]\w*", " ".join(self.attributes.get(name, "") for name in attributes))
+
     def table(self) -> list[list[float]]:
         """Return the values of a table group, a row for each entry of index_1."""
         values = self.numbers("values")

@@ -2,8 +2,7 @@
 """Generate Verilog, Python, C and the table in docs from rtl/dermis_registers.rdl.
 
 The SystemRDL compiler reads the map; the templates of scripts/templates are Verilog-2005 with parameters.
-PeakRDL-regblock writes SystemVerilog packages and structs of a fixed size, which two of the three
-Verilog tools cannot read; the header of PeakRDL-cheader has no address constants (docs/registers.md).
+docs/registers.md says why the generators of PeakRDL do not serve.
 """
 
 from dataclasses import dataclass

@@ -40,7 +40,6 @@ class Measured:
     typical: str
     most: str
     unit: str
-    status: str
     source: str
 
 
@@ -58,13 +57,13 @@ def measured() -> dict[str, Measured]:
                 value = next((row[key] for key in ("value", "typical", "result") if key in row), "")
                 number, _, unit = value.partition(" ")
                 cells = (row.get("least", ""), number, row.get("most", ""), row.get("unit", unit))
-                found[name] = Measured(*cells, row.get("status", ""), f"docs/{path.name}")
+                found[name] = Measured(*cells, f"docs/{path.name}")
     for path in sorted(BUILD.glob("*.json")):
         data = json.loads(path.read_text(encoding="utf-8"))
         for row in data if isinstance(data, list) else []:
             if isinstance(row, dict) and isinstance(row.get("value"), int | float):
                 value = f"{row['value']:.6g}"
-                found[row["name"]] = Measured("", value, "", row["unit"], row["status"], f"build/{path.name}")
+                found[row["name"]] = Measured("", value, "", row["unit"], f"build/{path.name}")
     return found
 
 
@@ -75,7 +74,7 @@ def row(found: Mapping[str, Measured], name: str, meaning: str) -> str:
     command = f"`{rule.command if rule else _COMMANDS[name.partition('.')[0]]}`"
     below = {k: r for k, r in found.items() if k == name or k.startswith(f"{name}.")}
     below = {name: below[name]} if name in below else below
-    none = Measured("", "not measured here", "", "", "", "")
+    none = Measured("", "not measured here", "", "", "")
     lines = []
     for key, r in itertools.islice((below or {name: none}).items(), 3):
         said = meaning + (f": {key[len(name) + 1 :]}" if key != name else "")
@@ -118,25 +117,23 @@ def timing_diagram(design: Design, path: Path) -> None:
     breaks, settle, slot = timing.break_clocks, timing.settle_clocks, timing.slot_clocks
     shown = max(breaks, 12)  # the break is a clock of hundreds, and is drawn wider
     nets = {
-        "row_select_o[n]": [(shown, slot)],
-        "preset_o": [(0, settle)],
-        "gate": [(settle, slot)],
-        "row_select_o[n+1]": [(slot + shown, slot + 120)],
+        "row_select_o[n]": (shown, slot),
+        "preset_o": (0, settle),
+        "gate": (settle, slot),
+        "row_select_o[n+1]": (slot + shown, slot + 120),
     }
     figure = Figure(figsize=(9, 2.6), layout="constrained")
     axes = figure.subplots()
-    for level, (net, spans) in enumerate(reversed(nets.items())):
-        edges = [-40.0, *(edge for span in spans for edge in span), slot + 120]
-        heights = [1.5 * level + n % 2 for n in range(len(edges) - 1)]
-        axes.stairs(heights, edges, baseline=None, color="black")
-        axes.text(-50, 1.5 * level + 0.3, net, ha="right", family="monospace")
+    for level, (net, high) in enumerate(reversed(nets.items())):
+        low = 1.5 * level
+        axes.stairs([low, low + 1, low], [-40.0, *high, slot + 120], baseline=None, color="black")
+        axes.text(-50, low + 0.3, net, ha="right", family="monospace")
     marks = {0: "0", shown: f"{breaks}", settle: f"{settle}", slot: f"{slot}"}
     axes.set_xticks(list(marks), list(marks.values()))
     axes.set_xlabel(f"clocks of {1e9 / clock:g} ns from the start of the slot of row n")
     axes.set(yticks=[], xlim=(-40, slot + 120))
     axes.spines[["left", "right", "top"]].set_visible(False)
     axes.grid(axis="x", color="0.85")
-    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, metadata={"Date": None})
 
 

@@ -1,12 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Benches of the blocks in SKY130 transistors: a deck each, and the quantities from its `.meas`.
 
-The decks are in spice/characterise. A deck has the circuit between the supplies and `.end`; a word in
-braces is a field that `body` fills. `BENCHES` is the table of benches: a deck, and a function from what
-ngspice measured to quantities in SI units, with the unit at the end of the name. A quantity `q` is judged
-by `sky130.q` of models/spec.toml, which also covers `q.sink` and `q.source`; one without a limit is
-reported. Conditions do not belong to a bench: models, temperature, supplies, reference and mismatch come
-before it in the deck (`deck`).
+docs/characterise.md says what a bench is made of. Models, temperature, supplies, reference and mismatch are not
+in it: they come before it in the deck (`deck`).
 """
 
 import re
@@ -48,7 +44,6 @@ class Condition:
 class Bench:
     """One deck and its quantities."""
 
-    name: str
     body: str  # between the supplies and `.end`; supplies, vref (0.5 V), agnd and the current ibias are there
     values: Values
     units: Mapping[str, str]  # quantity -> SI unit, of everything that `values` gives
@@ -487,7 +482,7 @@ def _add(
     text, values = body(name) if text is None else text, partial(values, **given)
     probe = {measure: 1.0 + 0.1 * n * n for n, measure in enumerate(dict.fromkeys(_MEAS.findall(text)))}
     units = {quantity: unit(quantity) for quantity in values(probe)}
-    BENCHES[name] = Bench(name, text, values, units, samples, trtol)
+    BENCHES[name] = Bench(text, values, units, samples, trtol)
 
 
 # A cascoded unit of the charge source.

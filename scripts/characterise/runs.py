@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decks of the transistor blocks through ngspice, each once, over conditions: results are stored by their deck.
 
-A result stands in build/characterise/<hash>.json, and the hash is that of all that decides about it: the deck, the
-models of its corner, the blocks that it uses (and no others: a change of the mirror leaves the comparator's results
-valid), how it is solved, and the version of ngspice. One file a result, so that commands which run at the same time
-share them and a killed one loses what it was running, no more.
+docs/characterise.md says what the hash of a deck is made of. One file a result, so that commands which run at the same
+time share them and a killed one loses what it was running, no more.
 """
 
 import hashlib

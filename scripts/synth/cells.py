@@ -93,17 +93,11 @@ def cells(liberty: Path) -> dict[str, Cell]:
     for group in sky130_liberty.read(liberty).of("cell"):
         state = next((g for g in group.groups if g.kind in ("ff", "latch")), sky130_liberty.Group("", ""))
         pins = {g.name: g.attributes.get("direction", "").strip('"') for g in group.of("pin")}
-
-        # Pins in the functions of the state.
-        words = {
-            key: {*re.findall(r"[A-Za-z_]\w*", text)} & pins.keys() for key, text in state.attributes.items()
-        }
-        none = set[str]()
         made[group.name] = Cell(
             area_um2=float(group.attributes.get("area", 0.0)),
             inputs=frozenset(p for p, d in pins.items() if d == "input"),
-            clocks=frozenset(words.get("clocked_on", none) | words.get("enable", none)),
-            asynchronous=frozenset(words.get("clear", none) | words.get("preset", none)),
+            clocks=frozenset(pins.keys() & {*state.words("clocked_on", "enable")}),
+            asynchronous=frozenset(pins.keys() & {*state.words("clear", "preset")}),
             flop=state.kind == "ff",
             latch=state.kind == "latch",
         )

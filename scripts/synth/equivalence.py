@@ -1,13 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Equivalence of a mapped netlist and the Verilog: every state bit and output, for all inputs and states.
 
-Yosys cuts both sides at each flop, latch and memory word (rtl/synth/cut_states.v): its output
-becomes an input of the network, and its data, clock with edge, set and clear become outputs. ABC
-then proves the two combinational networks equal, output by output. With equal reset states this is
-an induction over time. Another clock, edge or reset is a difference. State bits are paired by name.
-If optimisation merged bits, both names are compared with the remaining bit; a bit that it replaced
-by a constant must never leave it. A bit without a partner is free, so the proof holds for both its
-values. (Yosys' own `equiv_induct` knows neither clocks nor asynchronous resets.)
+Yosys cuts both sides at each flop, latch and memory word (rtl/synth/cut_states.v), and ABC proves the combinational
+networks between them equal, output by output: an induction over time (docs/synthesis.md). Yosys' own `equiv_induct`
+knows neither clocks nor asynchronous resets.
 """
 
 import json

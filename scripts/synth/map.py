@@ -220,11 +220,9 @@ def read_netlist(netlist: Netlist, top: str, library: Mapping[str, Cell]) -> Non
     roots = [name for name in own if _module_name(name) == top]
     if len(roots) != 1:
         raise SimulatorError(f"the netlist holds {len(roots)} modules {top}", netlist.json)
-    inferred = re.fullmatch(r"(\d+) objects\.\s*", netlist.counts.read_text())
-    if not inferred:
+    if not (inferred := re.fullmatch(r"(\d+) objects\.\s*", netlist.counts.read_text())):
         raise SimulatorError("Yosys did not count latches", netlist.counts)
-    netlist.inferred_latches = int(inferred.group(1))
-    netlist.unreset, netlist.blocks, netlist.fanout = 0, {}, (0, "")
+    netlist.inferred_latches = int(inferred[1])
 
     def visit(name: str) -> Counter[str]:
         """Count one instance of a module and all below it."""
@@ -250,9 +248,8 @@ def read_netlist(netlist: Netlist, top: str, library: Mapping[str, Cell]) -> Non
     netlist.kinds = visit(roots[0])
     for name in ("cells", "area_um2", "flops", "latches"):
         setattr(netlist, name, netlist.blocks[top][name])
-    netlist.unmapped = {
-        kind: n for kind, n in netlist.kinds.items() if kind not in library and _module_name(kind) != RAM
-    }
+    known = {*library, *(kind for kind in netlist.kinds if _module_name(kind) == RAM)}
+    netlist.unmapped = {kind: n for kind, n in netlist.kinds.items() if kind not in known}
 
 
 def _largest_fanout(module: Mapping[str, Any], library: Mapping[str, Cell]) -> tuple[int, str]:

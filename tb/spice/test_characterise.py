@@ -268,7 +268,7 @@ def test_a_transistor_outside_its_class_is_a_row_with_its_name() -> None:
 
 
 def test_a_quantity_that_does_not_follow_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench("b", "", lambda found: {"q": found["missing"]}, {"q": "V"})
+    bench = Bench("", lambda found: {"q": found["missing"]}, {"q": "V"})
     nan = dataclasses.replace(bench, values=lambda found: {"q": float("nan")})
     for one, said in ((bench, "missing"), (nan, "not a number: q")):
         monkeypatch.setitem(BENCHES, "b", one)

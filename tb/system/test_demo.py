@@ -126,9 +126,8 @@ def test_page_is_one_small_file_that_asks_nothing_of_a_network(page: Path) -> No
 def test_a_wrong_model_would_be_seen(fresh: Any, tmp_path: Path) -> None:
     """The comparison fails where the page and the scene differ."""
     slide(fresh, "row_ohm", 10)
-    fresh.execute_script(
-        "const right = demo.toml; demo.toml = () => right().replace('r_ohm = 10', 'r_ohm = 9')"
-    )
+    wrong = "right().replace('r_ohm = 10', 'r_ohm = 9')"
+    fresh.execute_script(f"const right = demo.toml; demo.toml = () => {wrong}")
     assert browser.wrong_codes(fresh, tmp_path) > 0
 
 
@@ -224,12 +223,10 @@ def test_several_fingers_press_at_once(fresh: Any, tmp_path: Path) -> None:
 
 
 def test_keyboard_alone_is_enough(fresh: Any) -> None:
-    seen = set()
+    seen, active = set(), "const e = document.activeElement; return e.id || e.name || e.dataset.step"
     for _ in range(70):
         ActionChains(fresh).send_keys(Keys.TAB).perform()
-        seen.add(
-            fresh.execute_script("const e = document.activeElement; return e.id || e.name || e.dataset.step")
-        )
+        seen.add(fresh.execute_script(active))
     controls = "sheet shape force width length angle keep clear ideal harsh view slow unit corrected"
     assert {*controls.split(), "mode", "shown", "clock", "link", "toml", "file", *SLIDERS} <= seen
     by_id(fresh, "sheet").send_keys(Keys.ENTER)

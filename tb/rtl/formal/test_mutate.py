@@ -29,9 +29,8 @@ def test_each_mutant_is_one_change_of_one_statement(module: str) -> None:
         assert changed != text
         assert changed.split(");\n", 1)[0] == text.split(");\n", 1)[0], "a port or a parameter"
         before, behind = text.splitlines(), changed.splitlines()
-        assert len(before) - len(behind) == text[mutant.start : mutant.end].count("\n") - mutant.new.count(
-            "\n"
-        )
+        lost = text[mutant.start : mutant.end].count("\n") - mutant.new.count("\n")
+        assert len(before) - len(behind) == lost
         assert not before[mutant.line - 1].lstrip().startswith(("//", "localparam", "`"))
 
 

@@ -44,9 +44,8 @@ def test_a_wrong_read_is_seen(fault: str, tmp_path: Path) -> None:
 
 def board(around: Path = TOP) -> dict[str, Any]:
     parameters, scenario = {"ROWS": 2, "COLS": 4, "DIVIDE": 5}, {"cols": 4}
-    return simulate(
-        "icarus", "bench_fpga", "dermis_board", "board", parameters, scenario, trap=MEMORY, around=[around]
-    )
+    bench = ("icarus", "bench_fpga", "dermis_board", "board")
+    return simulate(*bench, parameters, scenario, trap=MEMORY, around=[around])
 
 
 def test_the_board_top_starts_by_itself_and_drives_its_pins() -> None:

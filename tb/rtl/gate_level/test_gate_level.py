@@ -75,14 +75,9 @@ def test_a_test_of_the_top_passes_and_with_a_fault_it_is_counted(netlist: Netlis
 
 
 def test_a_simulation_that_does_not_end_is_an_error(netlist: Netlist) -> None:
+    design = gate_level.netlist_design(netlist)
     with pytest.raises(SimulatorError, match="took more than"):
-        gate_level.run(
-            gate_level.netlist_design(netlist),
-            gate_level.PIN_BENCH,
-            "reads_frames",
-            gate_level.SCENARIO,
-            limit_s=0.1,
-        )
+        gate_level.run(design, gate_level.PIN_BENCH, "reads_frames", gate_level.SCENARIO, limit_s=0.1)
 
 
 def test_models_of_sky130_cells_are_collected_once_each(tmp_path: Path) -> None:

@@ -47,11 +47,8 @@ def test_changes_are_counted_bit_by_bit_and_unknown_levels_are_none(tmp_path: Pa
 def test_power_is_half_of_c_v_squared_a_change_and_what_cells_add(tmp_path: Path) -> None:
     kind = "sky130_fd_sc_hd__dfrtp_1"
     directions = {"CLK": "input", "D": "input", "RESET_B": "input", "Q": "output"}
-    flop = {
-        "type": kind,
-        "port_directions": directions,
-        "connections": {"CLK": [2], "D": [3], "RESET_B": ["1"], "Q": [4]},
-    }
+    nets = {"CLK": [2], "D": [3], "RESET_B": ["1"], "Q": [4]}
+    flop = {"type": kind, "port_directions": directions, "connections": nets}
     nets = {"clk_i": {"bits": [2]}, "two": {"bits": [3, 4]}}
     module = {"attributes": {"top": "1"}, "cells": {"a": flop, "b": flop}, "netnames": nets}
     (tmp_path / "n.json").write_text(json.dumps({"modules": {"dermis_top": module}}))
