@@ -16,7 +16,7 @@ from dermis.lockstep import ladder
 from dermis.places import BUILD, ROOT
 from dermis.report import verdict
 from dermis.scene.design import load as load_design
-from scripts.judged import SHOW, finish
+from scripts.judged import SHOW, attempt, finish
 
 Changes = Mapping[str, float]
 """Parameters of spice/board/column.sp with other values."""
@@ -66,9 +66,7 @@ def board_command(points: int) -> int:
     rows = []
     for kind, boards in (("column_error_lsb", FIT), ("unfit_error_lsb", UNFIT)):
         for key, changes in ((f"board.{kind}.{name}", changes) for name, changes in boards.items()):
-            try:
+            with attempt(rows, key):
                 rows.append(verdict.judge(key, *column_error(changes, points, BUILD / "board")))
-            except SimulatorError as error:
-                rows.append(verdict.error(key, str(error)))
     code = finish("board", rows, "a column on a board: error after one gain point")
     return SimulatorError.exit_code if any(row["status"] == "ERROR" for row in rows) else code

@@ -19,7 +19,6 @@ from dermis.report import progress, verdict
 from dermis.scene.design import ROOT
 from scripts import gate_level, judged, templates
 from scripts.gate_level import SMALL, SMALL_SLOTS, SMALL_TESTS
-from scripts.synth.command import attempt
 from scripts.synth.map import RAM, TOP, Size
 
 # YoWASP sees no absolute path below /tmp: its paths are relative to the root.
@@ -121,6 +120,6 @@ def fpga_command(board: str | None) -> int:
     with progress.slots("fpga", len(chosen), "boards") as tell:
         for done, name in enumerate(chosen):
             tell(done, name)
-            with attempt(rows, f"fpga.{name}"):
+            with judged.attempt(rows, f"fpga.{name}"):
                 rows += build(name)
     return judged.finish("fpga", rows, "FPGA boards, untried on hardware")

@@ -21,12 +21,12 @@ from dermis.report import progress, verdict
 from dermis.scene.design import ROOT
 from scripts import liberty
 from scripts.cocotb_run import run_bench
-from scripts.judged import finish
+from scripts.judged import attempt, finish
 from scripts.liberty import PREFIX, view
 from scripts.lint import Parameters, header_values
 from scripts.synth import power
 from scripts.synth.cells import TECHNOLOGIES, Technology, osu035
-from scripts.synth.command import attempt, place, size_options, write_docs
+from scripts.synth.command import place, size_options, write_docs
 from scripts.synth.map import TOP, Netlist, Size, map_once
 
 BENCHES = ROOT / "tb" / "rtl"

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parts of every command that judges: its tools, and the verdict table at its end."""
 
+import contextlib
 import hashlib
 import shutil
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from dermis.errors import InputError
+from dermis.errors import InputError, SimulatorError, one_line
 from dermis.report import verdict
 
 SHOW = {"show_default": True}
@@ -29,6 +30,15 @@ def digest(files: Iterable[Path], *words: object) -> str:
     for path in files:
         text.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return text.hexdigest()
+
+
+@contextlib.contextmanager
+def attempt(rows: list[verdict.Row], name: str) -> Iterator[None]:
+    """Add an ERROR row for a failure of a tool in the block."""
+    try:
+        yield
+    except SimulatorError as error:
+        rows.append(verdict.error(name, one_line(str(error), 300)))
 
 
 def none(name: str, found: Sequence[str], unit: str) -> verdict.Row:

@@ -239,8 +239,8 @@ def statement(subckt: Subckt, name: str, text: Mapping[str, Subckt]) -> str:
     return " ".join((name, *words, *(f"{k}={v}" for k, v in sorted((defaults | pairs).items()))))
 
 
-def differences(text: Mapping[str, Subckt], drawn: Mapping[str, Subckt]) -> dict[str, list[str]]:
-    """Return the differences of each subcircuit of either side; an empty list if equal."""
+def compare(text: Mapping[str, Subckt], drawn: Mapping[str, Subckt]) -> list[verdict.Row]:
+    """Return a row for each subcircuit of either side with its differences."""
     found = {name: ["no sheet"] for name in {*text} - {*drawn, *DEVICES}}
     found |= {name: ["a sheet without netlist"] for name in {*drawn} - {*text}}
     for name in {*text} & {*drawn}:
@@ -253,7 +253,10 @@ def differences(text: Mapping[str, Subckt], drawn: Mapping[str, Subckt]) -> dict
         for element in sorted({*left.elements, *right.elements}):
             compared.append((element, *(statement(side, element, text) for side in (left, right))))
         found[name] = [f"{what}: text {a}; sheet {b}" for what, a, b in compared if a != b]
-    return dict(sorted(found.items()))
+    return [
+        verdict.within(f"schematics.{name}", len(said), "differences", 0, 0, "; ".join(said))
+        for name, said in sorted(found.items())
+    ]
 
 
 def written(place: Path = TEXT) -> dict[str, Subckt]:
@@ -286,14 +289,6 @@ def drawn(work: Path, sheets: Path = SHEETS) -> dict[str, Subckt]:
         for place in places(sheets / f"{name}.sch"):
             found[name].ports.extend(bits(place.values["lab"]) if place.kind in PORTS else ())
     return found
-
-
-def compare(text: Mapping[str, Subckt], sheets: Mapping[str, Subckt]) -> list[verdict.Row]:
-    """Return a row for each subcircuit with the number of its differences."""
-    return [
-        verdict.within(f"schematics.{name}", len(said), "differences", 0, 0, "; ".join(said))
-        for name, said in differences(text, sheets).items()
-    ]
 
 
 DRAWN_UM = {"res": (0.35, 0.69, 1.41, 2.85, 5.73), "cap": (2.0, 30.0)}

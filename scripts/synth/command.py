@@ -5,23 +5,22 @@ Every figure is parsed from the output of a tool; a failure or an unexpected war
 row.
 """
 
-import contextlib
 import functools
 import re
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from dermis.errors import InputError, SimulatorError, one_line
+from dermis.errors import InputError
 from dermis.processes import children
 from dermis.report import progress, verdict
 from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design
 from scripts import markdown
-from scripts.judged import SHOW, finish
+from scripts.judged import SHOW, attempt, finish
 from scripts.synth.cells import TECHNOLOGIES, Technology
 from scripts.synth.equivalence import prove
 from scripts.synth.map import RAM, Netlist, Size, map_design, map_once
@@ -44,15 +43,6 @@ def sdc_periods(sdc: Path = SDC) -> dict[str, float]:
     if missing := [clock for clock in CLOCKS if clock not in found]:
         raise InputError(sdc, f"{missing[0]}_period", "not there", "its default, in ns")
     return {clock: float(found[clock]) for clock in CLOCKS}
-
-
-@contextlib.contextmanager
-def attempt(rows: list[verdict.Row], name: str) -> Iterator[None]:
-    """Add an ERROR row for a failure of a tool in the block."""
-    try:
-        yield
-    except SimulatorError as error:
-        rows.append(verdict.error(name, one_line(str(error), 300)))
 
 
 def netlist_rows(netlist: Netlist, size: Size, suffix: str, *, memory: bool = True) -> list[verdict.Row]:
