@@ -10,22 +10,23 @@ from dermis.errors import InputError, SimulatorError
 from dermis.report import verdict
 from dermis.scene.design import spec
 from tb.programs.bench import bench, circuit, peers
-from tb.programs.bench.circuit import Circuit, Job
+from tb.programs.bench.circuit import Circuit
 
 LIMIT_S = 60.0
-CIRCUIT = Circuit(gate_clocks=300)
+CLOCKS = 300
+CIRCUIT = Circuit(gate_clocks=CLOCKS)
 
 
 def test_verilog_with_ngspice_meets_the_exact_solution_at_a_tenth_of_a_clock(tmp_path: Path) -> None:
-    run = circuit.measure(Job(CIRCUIT, t_max_step_s=100e-9, keep=True), tmp_path / "run", LIMIT_S)
+    run = circuit.cosim(CIRCUIT, 100e-9, CLOCKS, tmp_path / "run", LIMIT_S)
     assert (run.code, run.miscount) == (CIRCUIT.pulses, 0)
     assert run.charge.sum() > 100
     assert run.error_v < spec()["cosim.edge_error_v"].max
 
 
 def test_a_wrong_packet_is_seen(tmp_path: Path) -> None:
-    good = circuit.measure(Job(CIRCUIT, keep=True), tmp_path / "good", LIMIT_S)
-    bad = circuit.measure(Job(CIRCUIT, keep=True, packet_error=1e-6), tmp_path / "bad", LIMIT_S)
+    good = circuit.cosim(CIRCUIT, 1e-6, CLOCKS, tmp_path / "good", LIMIT_S)
+    bad = circuit.cosim(CIRCUIT, 1e-6, CLOCKS, tmp_path / "bad", LIMIT_S, packet_error=1e-6)
     assert good.error_v < 1e-10, "far below the 1e-7 V a packet of the fault"
     assert verdict.judge("cosim.edge_error_v.step_1u", bad.error_v)["status"] == "FAIL"
     # The run's own error is 5e-7 V at most; the seeded one is 20 to 40 uV.
@@ -34,17 +35,17 @@ def test_a_wrong_packet_is_seen(tmp_path: Path) -> None:
 
 def test_a_job_that_takes_too_long_is_ended_and_named(tmp_path: Path) -> None:
     with pytest.raises(SimulatorError, match=r"more than 0\.01 s"):
-        circuit.measure(Job(CIRCUIT), tmp_path / "run", 0.01)
+        circuit.cosim(CIRCUIT, 1e-6, CLOCKS, tmp_path / "run", 0.01)
 
 
 def test_a_job_that_fails_says_why(tmp_path: Path) -> None:
     with pytest.raises(SimulatorError, match="nan cannot stand in a deck"):
-        circuit.measure(Job(CIRCUIT, packet_error=float("nan")), tmp_path / "run", LIMIT_S)
+        circuit.cosim(CIRCUIT, 1e-6, CLOCKS, tmp_path / "run", LIMIT_S, packet_error=float("nan"))
 
 
 def test_xspice_counts_right_on_the_same_circuit(tmp_path: Path) -> None:
-    run = peers.xspice(CIRCUIT, 1e-6, 300, tmp_path / "run", LIMIT_S)
-    assert run.count_error == 0
+    run = peers.xspice(CIRCUIT, 1e-6, CLOCKS, tmp_path / "run", LIMIT_S)
+    assert run.miscount == 0
     assert 0 < run.error_v < 0.5 * CIRCUIT.packet_v
     assert run.seconds > 0
 

@@ -36,7 +36,7 @@ from dermis.report.figures import COLOURS, GREY, save
 from dermis.report.verdict import Row
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench import peers
-from tb.programs.bench.circuit import Circuit, Job
+from tb.programs.bench.circuit import Circuit
 from tb.programs.bench.measure import busy_row, cpu_once, random_plan
 from tb.reference import frame as reference
 
@@ -139,39 +139,29 @@ def tolerances(reltol: float, **other: str) -> str:
     return options_with(CONTROLLED, reltol=reltol, **moved, **other)
 
 
-# The start of a process, or of the clock loop, is subtracted by a second run of a few clocks. Starts differ
-# by milliseconds.
-_FEW, _LEAST_S, _ATTEMPTS = 40, 5e-3, 5
-
-
-def _cosim(simulator: str, step_s: float, options: str, circuit: Circuit, where: Path) -> Found:
-    many, few = (replace(circuit, gate_clocks=n) for n in (circuit.gate_clocks, _FEW))
-    done, start = (
-        circuits.measure(
-            Job(c, step_s, simulator, keep=True, options=options), where / f"{c.clocks}", LIMIT_S
-        )
-        for c in (many, few)
-    )
-    seconds = done.cpu_per_clock_s * many.clocks - start.cpu_per_clock_s * few.clocks
-    return done.error_v, done.miscount, seconds / (many.clocks - few.clocks)
+_FEW, _LEAST_S, _ATTEMPTS = 40, 2e-3, 5
+"""Clocks of the run whose time is that of the start, and the least time of the others: a start may vary by ms."""
 
 
 def _alone(circuit: Circuit, where: Path) -> Found:
     """Time ngspice alone on the edges of a run before it; its error is that of the run, not measured here."""
-    _, seconds = circuits.loop_cpu_s(circuits.converter_loop(circuit), where, LIMIT_S)
-    return 0.0, 0.0, seconds / circuit.clocks
+    job = circuits.converter(circuit, simulator="verilator", alone=True)
+    return 0.0, 0.0, circuits.frame(job, where, LIMIT_S).alone_s / circuit.clocks
 
 
-def _peer(
-    program: Callable[..., peers.PeerRun], step_s: float, options: str, circuit: Circuit, where: Path
+def _simulator(
+    program: Callable[..., circuits.Run], step_s: float, options: str, circuit: Circuit, where: Path
 ) -> Found:
+    """Time the clocks of a simulator: those of a long run less those of a short one."""
     for attempt in range(_ATTEMPTS):
-        (done, seconds), (_, start) = (
+        runs = [
             cpu_once(partial(program, circuit, step_s, n, where / f"{attempt}_{n}", LIMIT_S, options))
             for n in (CLOCKS, _FEW)
-        )
-        if seconds - start > _LEAST_S:
-            return done.error_v, done.count_error, (seconds - start) / (CLOCKS - _FEW)
+        ]
+        done, start = (process_s if math.isnan(run.cpu_s) else run.cpu_s for run, process_s in runs)
+        if done - start > _LEAST_S:
+            run = runs[0][0]
+            return run.error_v, run.miscount, (done - start) / (CLOCKS - _FEW)
     raise SimulatorError(f"{CLOCKS} clocks are too short to time against the start of the process", where)
 
 
@@ -187,22 +177,23 @@ def converter_methods(work: str, where: Path, quick: bool) -> Iterator[Method]:
 
     steps = STEPS_S[1::3] if quick else STEPS_S
     for simulator, step in itertools.product(("icarus",) if quick else ("icarus", "verilator"), steps):
-        yield method(f"cosim, {simulator}, step", f"trap, step {step:g} s", _cosim, simulator, step, EXACT)
+        cosim = partial(circuits.cosim, simulator=simulator)
+        yield method(f"cosim, {simulator}, step", f"trap, step {step:g} s", _simulator, cosim, step, EXACT)
     if circuit.t_gbw_s:
         for rule, reltol in itertools.product(("trap", "gear"), RELTOLS[1::2] if quick else RELTOLS):
             options = tolerances(reltol, method=rule, maxord="2")
             setting = f"{rule}, reltol {reltol:g}"
-            yield method(f"cosim, icarus, {rule}, reltol", setting, _cosim, "icarus", 1e-6, options)
+            yield method(f"cosim, icarus, {rule}, reltol", setting, _simulator, circuits.cosim, 1e-6, options)
     if work == NO_POLE:
         yield method(ALONE, "edges of cosim, step 1e-06 s", _alone)
     # XSPICE takes the options with truncation control too; they make its errors larger.
     kinds = {"": EXACT, ", controlled": CONTROLLED}
     for (words, options), step in itertools.product(kinds.items(), steps[::2]):
         setting = f"trap, step {step:g} s{words}"
-        yield method("peer: ngspice XSPICE", setting, _peer, peers.xspice, step, options)
+        yield method("peer: ngspice XSPICE", setting, _simulator, peers.xspice, step, options)
     for (peer, program), step in itertools.product(peers.GUESTS.items(), steps[::2]):
         if peers.missing(peer) is None:
-            yield method(f"peer: {peer}", f"exchange, step {step:g} s", _peer, program, step, EXACT)
+            yield method(f"peer: {peer}", f"exchange, step {step:g} s", _simulator, program, step, EXACT)
 
 
 ORDER_STEPS_S = (100e-9, 50e-9, 25e-9, 12.5e-9)
@@ -211,9 +202,10 @@ ORDER_CLOCKS = 60
 
 def order_row(work: Path, options: str = EXACT, steps_s: Sequence[float] = ORDER_STEPS_S) -> Row:
     """Judge the order of convergence of the closed loop with an amplifier pole."""
-    circuit = replace(CIRCUITS[POLE], gate_clocks=ORDER_CLOCKS)
-    jobs = [Job(circuit, step_s, keep=True, options=options) for step_s in steps_s]
-    errors = [circuits.measure(job, work / f"order_{n}", LIMIT_S).error_v for n, job in enumerate(jobs)]
+    errors = [
+        circuits.cosim(CIRCUITS[POLE], h, ORDER_CLOCKS, work / f"order_{n}", LIMIT_S, options).error_v
+        for n, h in enumerate(steps_s)
+    ]
     found = (np.diff(np.log(errors)) / np.diff(np.log(steps_s))).tolist()
     told = ", ".join(f"{e:.3g} V at {h:g} s" for e, h in zip(errors, steps_s, strict=True))
     note = f"least of {', '.join(f'{order:.3f}' for order in found)}; {told}"

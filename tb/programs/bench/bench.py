@@ -38,7 +38,7 @@ from dermis.report.output import machine_line
 from dermis.report.verdict import Row
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench import peers
-from tb.programs.bench.circuit import Circuit, Job, LoopJob
+from tb.programs.bench.circuit import Circuit, Job
 from tb.programs.bench.measure import busy_row, one_core, random_plan
 
 STEPS = {"step_10n": 10e-9, "step_100n": 100e-9, "step_1u": 1e-6}
@@ -78,25 +78,26 @@ def machine_rows(m: Measurements) -> Iterator[Row]:
     yield busy_row("machine.busy_cores")
 
 
+def _error_rows(name: str, kind: str, run: circuits.Run) -> Iterator[Row]:
+    """Report the integrator at the clock edges, and the count, against the exact solution."""
+    note = f"{run.clocks} clocks at {run.rate:.0f}/s with every sample kept"
+    yield verdict.measured(f"{name}.edge_error_v.{kind}", run.error_v, "V", note)
+    yield verdict.measured(f"{name}.count_error.{kind}", run.miscount, "pulses", f"{run.code} pulses")
+
+
 def accuracy_rows(m: Measurements) -> Iterator[Row]:
-    """Compare the integrator at the clock edges, and the count, with the exact solution."""
-    kinds = {name: (Job(CIRCUIT, step, keep=True), "Icarus") for name, step in STEPS.items()}
-    kinds[VERILATOR] = Job(CIRCUIT, keep=True, simulator=VERILATOR), "step 1 us, Verilator"
-    for name, (job, note) in kinds.items():
-        run = circuits.measure(job, m.place(), RUN_LIMIT_S)
-        note = f"{CIRCUIT.clocks} clocks; {note}, {run.rate:.0f} clocks/s with every sample kept"
-        yield verdict.judge(f"cosim.edge_error_v.{name}", run.error_v, note)
-        note = f"{run.code} of {CIRCUIT.pulses} pulses"
-        yield verdict.judge(f"cosim.count_error.{name}", run.miscount, note)
+    """Measure the errors of cosim, with Icarus at every step and with Verilator at one of 1 us."""
+    kinds = {name: (step_s, ICARUS) for name, step_s in STEPS.items()}
+    for kind, (step_s, simulator) in (kinds | {VERILATOR: (STEPS["step_1u"], VERILATOR)}).items():
+        job = CIRCUIT, step_s, CIRCUIT.gate_clocks, m.place(), RUN_LIMIT_S
+        yield from _error_rows("cosim", kind, circuits.cosim(*job, simulator=simulator))
 
 
 def peer_rows(peer: str, m: Measurements) -> Iterator[Row]:
     """Measure the same errors of another simulator."""
-    for name, step_s in STEPS.items():
-        done = peers.PEERS[peer](CIRCUIT, step_s, PEER_CLOCKS[name], m.place(), RUN_LIMIT_S)
-        note = f"{done.clocks} clocks in {done.seconds:.3g} s"
-        yield verdict.report(f"peer.{peer}.edge_error_v.{name}", done.error_v, "V", note)
-        yield verdict.report(f"peer.{peer}.count_error.{name}", done.count_error, "pulses")
+    for kind, step_s in STEPS.items():
+        job = CIRCUIT, step_s, PEER_CLOCKS[kind], m.place(), RUN_LIMIT_S
+        yield from _error_rows(f"peer.{peer}", kind, peers.PEERS[peer](*job))
 
 
 def speed_rows(m: Measurements) -> Iterator[Row]:
@@ -104,13 +105,13 @@ def speed_rows(m: Measurements) -> Iterator[Row]:
     rates: dict[str, list[float]] = defaultdict(list)
     for _ in range(m.repeat):
         for simulator in SIMULATORS:
-            job = Job(LONG_CIRCUIT, STEPS["step_1u"], simulator)
-            run = circuits.measure(job, m.place(), RUN_LIMIT_S)
+            job = LONG_CIRCUIT, STEPS["step_1u"], LONG_CIRCUIT.gate_clocks, m.place(), RUN_LIMIT_S
+            run = circuits.cosim(*job, simulator=simulator, keep=False)
             if run.miscount:
                 raise SimulatorError(f"{simulator} counted {run.code}, not {LONG_CIRCUIT.pulses}")
             rates[simulator].append(run.rate)
         done = peers.xspice(CIRCUIT, STEPS["step_1u"], CIRCUIT.clocks, m.place(), RUN_LIMIT_S)
-        rates["xspice"].append(done.clocks / done.seconds)
+        rates["xspice"].append(done.rate)
     for simulator in SIMULATORS:
         yield verdict.median(f"cosim.clocks_per_s.{simulator}", rates[simulator], "1/s")
     note = "the transient alone, without start and waveform file"
@@ -123,12 +124,12 @@ def loop_rows(m: Measurements) -> Iterator[Row]:
     """Measure what Verilog and loop add to ngspice alone, in processor time, one after the other."""
     made = random_plan(1, "cosim")
     deck = functools.partial(netlist.frame_deck, made, 0)
-    frame = LoopJob(made.timing, made.cols, hdl.reader_parameters(made, False), deck)
-    jobs = {"frame": frame, "converter": circuits.converter_loop(LONG_CIRCUIT)}
+    frame = Job(made.timing, made.cols, hdl.reader_parameters(made, False), deck, alone=True)
+    jobs = {"frame": frame, "converter": circuits.converter(LONG_CIRCUIT, alone=True)}
     found: dict[tuple[str, str], list[float]] = defaultdict(list)
     for _, (name, job), simulator in itertools.product(range(m.repeat), jobs.items(), SIMULATORS):
-        cpu_s, alone_s = circuits.loop_cpu_s(replace(job, simulator=simulator), m.place(), RUN_LIMIT_S)
-        found[name, simulator].append(cpu_s / alone_s)
+        done = circuits.frame(replace(job, simulator=simulator), m.place(), RUN_LIMIT_S)
+        found[name, simulator].append(done.cpu_s / done.alone_s)
     for simulator in SIMULATORS:
         note = f"one frame of {made.rows}x{made.cols}, from its first time point to its last"
         yield verdict.median(f"cosim.loop_over_ngspice.{simulator}", found["frame", simulator], "1", note)

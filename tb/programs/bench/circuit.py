@@ -4,6 +4,7 @@
 The HDL simulator loads this module again as the cocotb test.
 """
 
+import dataclasses
 import math
 import os
 import pickle
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -168,37 +169,55 @@ def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -
 
 
 @dataclass(frozen=True)
-class Job:
-    """One run of the circuit."""
-
-    circuit: Circuit
-    t_max_step_s: float = 1e-6
-    simulator: str = "icarus"
-    keep: bool = False  # the bits, and the error at the bridge
-    options: str = OPTIONS  # line of the deck
-    packet_error: float = 0.0  # seeded fault of a test: packets in ngspice are too large
-
-
-@dataclass(frozen=True)
 class Run:
-    """Result of a job."""
+    """Result of a simulator: its count, its errors against the exact solution, and wall time of the clocks."""
 
     code: int
     miscount: int
-    rate: float  # clocks a second, from the first instant of the circuit to its last
-    cpu_per_clock_s: float
-    charge: NDArray[Any] | None = None  # charge switch at clocks 1, 2, ..., if the job keeps it
-    error_v: float = math.nan  # the same
+    clocks: int
+    seconds: float
+    error_v: float = math.nan  # largest at a clock edge, if samples are kept
+    cpu_s: float = math.nan  # processor time of the clocks, where it is known without that of the start
+    charge: NDArray[Any] | None = None  # charge switch at clocks 1, 2, ..., if samples are kept
+
+    @property
+    def rate(self) -> float:
+        """Clocks a second."""
+        return self.clocks / self.seconds
+
+
+@dataclass(frozen=True)
+class Job:
+    """One frame with Verilog and ngspice; `make_deck` is called with the levels of the sources."""
+
+    timing: Timing
+    cols: int
+    parameters: dict[str, int]  # of dermis_top
+    make_deck: Callable[[Sequence[float]], Deck]
+    use_ic: bool = False
+    step_s: float = 1e-6  # largest of ngspice
+    simulator: str = "icarus"
+    keep: bool = False  # the bits, and comparator and integrator at every clock
+    alone: bool = False  # run ngspice alone as well, on the edges that the Verilog made
+
+
+class Frame(NamedTuple):
+    """What a job leaves; times are from the first instant of the circuit to its last."""
+
+    codes: NDArray[Any]
+    seconds: float
+    cpu_s: float
+    alone_s: float  # processor time of ngspice alone, NaN if it was not asked for
+    charge: list[int]  # bits of the charge switches at clocks 1, 2, ...
+    samples: Floats | None = None  # [clocks + 1, nodes]
 
 
 class TimedHalf(NgspiceHalf):
     """ngspice at time 0, which measures the time from there to its end."""
 
-    def __init__(
-        self, deck: Deck, timing: Timing, log: Path, step_s: float = 1e-6, use_ic: bool = True
-    ) -> None:
-        times = {"t_edge_s": T_EDGE_S, "t_max_step_s": step_s, "t_stop_s": bridge.analog_s(timing)}
-        super().__init__(deck, **times, log=log, use_ic=use_ic)
+    def __init__(self, deck: Deck, job: Job, log: Path) -> None:
+        times = {"t_edge_s": T_EDGE_S, "t_max_step_s": job.step_s, "t_stop_s": bridge.analog_s(job.timing)}
+        super().__init__(deck, **times, log=log, use_ic=job.use_ic)
         self.advance(0.0, [])
         self._start = time.perf_counter(), time.process_time()
 
@@ -206,46 +225,6 @@ class TimedHalf(NgspiceHalf):
         self.seconds = time.perf_counter() - self._start[0]
         self.cpu_seconds = time.process_time() - self._start[1]
         super().close()
-
-
-async def _frame(dut: Any, job: Job, where: Path) -> Run:
-    circuit, halves = job.circuit, []
-
-    def make_half(frame: int, levels: list[float]) -> TimedHalf:
-        made = deck(circuit, levels, job.packet_error, job.options)
-        halves.append(TimedHalf(made, circuit.timing, where / "ngspice.log", job.t_max_step_s))
-        return halves[-1]
-
-    chip = bridge.Bridge(dut, circuit.timing, 1, trace=job.keep, samples=2 if job.keep else 0)
-    code = int((await chip.run(1, make_half)).item())
-    half, kept = halves[0], {}
-    if chip.trace is not None:
-        bits = np.asarray(chip.trace.charge[chip.trace.begins[0] :][: circuit.clocks])
-        exact = exact_voltage(circuit, np.concatenate([[0], bits[:-1]]))
-        error_v = float(np.abs(chip.samples[0][1:, 1] - exact[1:]).max())
-        kept = {"charge": bits, "error_v": error_v}
-    rate, cpu = circuit.clocks / half.seconds, half.cpu_seconds / circuit.clocks
-    return Run(code, abs(code - circuit.pulses), rate, cpu, **kept)
-
-
-@dataclass(frozen=True)
-class LoopJob:
-    """One frame with Verilog and ngspice, and then ngspice alone on the edges that it made.
-
-    `make_deck` is called with the levels of the sources.
-    """
-
-    timing: Timing
-    cols: int
-    parameters: dict[str, int]  # of dermis_top
-    make_deck: Callable[[Sequence[float]], Deck]
-    use_ic: bool = False
-    simulator: str = "verilator"
-
-
-def converter_loop(circuit: Circuit) -> LoopJob:
-    """Return the loop of one converter."""
-    return LoopJob(circuit.timing, 1, circuit.parameters, partial(deck, circuit), True)
 
 
 @numba.njit
@@ -261,31 +240,38 @@ def _replay(advance: Any, period_s: float, first: Any, source: Any, time: Any, l
     return 0
 
 
-async def _loop(dut: Any, job: LoopJob, where: Path) -> tuple[float, float]:
-    timing, t_clk, halves = job.timing, 1.0 / job.timing.f_clk_hz, []
+async def _frame(dut: Any, job: Job, where: Path) -> Frame:
+    halves = []
 
     def make_half(frame: int, levels: list[float]) -> TimedHalf:
-        made = TimedHalf(job.make_deck(levels), timing, where / "ngspice.log", use_ic=job.use_ic)
-        halves.append((made, levels))
-        return made
+        halves.append((TimedHalf(job.make_deck(levels), job, where / "ngspice.log"), levels))
+        return halves[-1][0]
 
-    chip = bridge.Bridge(dut, timing, job.cols, trace=True)
-    await chip.run(1, make_half)
-    [(frame, levels)] = halves
-    trace, at = chip.trace, chip.trace.begins[0]
+    samples = 2 * job.cols if job.keep else 0
+    chip = bridge.Bridge(dut, job.timing, job.cols, trace=job.keep or job.alone, samples=samples)
+    codes = await chip.run(1, make_half)
+    [(half, levels)] = halves
+    charge = chip.trace.charge[chip.trace.begins[0] :] if chip.trace is not None else []
+    alone_s = _alone_s(job, chip.trace, levels, make_half) if job.alone else math.nan
+    return Frame(codes, half.seconds, half.cpu_seconds, alone_s, charge, *chip.samples)
+
+
+def _alone_s(job: Job, trace: Any, levels: list[float], make_half: Callable[..., TimedHalf]) -> float:
+    """Return the processor time of a circuit without Verilog on the edges of a frame."""
+    timing, t_clk = job.timing, 1.0 / job.timing.f_clk_hz
     nets = (trace.row_select, timing.rows), (trace.preset, 1), (trace.charge, job.cols)
-    clocks = range(at, len(trace.charge) - 1)
+    clocks = range(trace.begins[0], len(trace.charge) - 1)
     now = np.array([[word[n] >> bit & 1 for word, width in nets for bit in range(width)] for n in clocks])
     clock, source = np.nonzero(np.diff(now, axis=0, prepend=[levels]))
     first = np.searchsorted(clock + 1, np.arange(len(now) + 2)).astype(np.int32)
     told = np.zeros((3, 2 * job.cols + 8))
     arrays = source.astype(np.int32), (clock + 1) * t_clk, now[clock, source].astype(float), told
     _replay(loaded().lockstep_advance, t_clk, first[:1], *arrays)  # compiles
-    alone = make_half(0, levels)
+    half = make_half(0, levels)
     if failed := _replay(loaded().lockstep_advance, t_clk, first, *arrays):
-        alone.fail(failed)
-    alone.close()
-    return frame.cpu_seconds, alone.cpu_seconds
+        half.fail(failed)
+    half.close()
+    return half.cpu_seconds
 
 
 if JOB_VARIABLE in os.environ:
@@ -322,17 +308,35 @@ def in_simulator(
     return value
 
 
-def _in_top(test: Callable[..., Any], job: Any, parameters: Any, where: Path, limit_s: float) -> Any:
-    where.mkdir(parents=True)
-    build = hdl.build(job.simulator, "dermis_top", parameters)
-    return in_simulator(test, job, job.simulator, build, "dermis_top", where, limit_s)
-
-
-def measure(job: Job, where: Path, limit_s: float) -> Run:
+def frame(job: Job, where: Path, limit_s: float) -> Frame:
     """Run a job in a new directory; raise SimulatorError as `in_simulator` does."""
-    return _in_top(_frame, job, job.circuit.parameters, where, limit_s)
+    where.mkdir(parents=True)
+    build = hdl.build(job.simulator, "dermis_top", job.parameters)
+    return in_simulator(_frame, job, job.simulator, build, "dermis_top", where, limit_s)
 
 
-def loop_cpu_s(job: LoopJob, where: Path, limit_s: float) -> tuple[float, float]:
-    """Return the processor time of a frame and that of ngspice alone, from time 0 to the end."""
-    return _in_top(_loop, job, job.parameters, where, limit_s)
+def converter(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS, **how: Any) -> Job:
+    """Return the job of one converter; `how` has further fields, `packet_error` is a seeded fault of a test."""
+    make_deck = partial(deck, circuit, packet_error=packet_error, options=options)
+    return Job(circuit.timing, 1, circuit.parameters, make_deck, use_ic=True, **how)
+
+
+def cosim(
+    circuit: Circuit,
+    step_s: float,
+    clocks: int,
+    where: Path,
+    limit_s: float,
+    options: str = OPTIONS,
+    **how: Any,
+) -> Run:
+    """Run Verilog with ngspice, called as the simulators of peers.py; `how` as for `converter`."""
+    circuit = dataclasses.replace(circuit, gate_clocks=clocks)
+    job = converter(circuit, options=options, step_s=step_s, **{"keep": True} | how)
+    done = frame(job, where, limit_s)
+    code, kept = int(done.codes.item()), {}
+    if job.keep:
+        bits = np.array(done.charge[: circuit.clocks])
+        exact = exact_voltage(circuit, np.concatenate([[0], bits[:-1]]))
+        kept = {"charge": bits, "error_v": float(np.abs(done.samples[1:, 1] - exact[1:]).max())}
+    return Run(code, abs(code - circuit.pulses), circuit.clocks, done.seconds, cpu_s=done.cpu_s, **kept)

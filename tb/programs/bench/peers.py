@@ -13,7 +13,6 @@ import re
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,7 @@ from dermis.ndarrays import Floats
 from dermis.processes import children
 from scripts import workers
 from tb.programs.bench import circuit as circuits
-from tb.programs.bench.circuit import OPTIONS, Circuit
+from tb.programs.bench.circuit import OPTIONS, Circuit, Run
 from tb.programs.bench.measure import cpu_once
 
 PIP = {
@@ -41,16 +40,6 @@ PIP = {
 
 T_GATE_S = 1e-12
 """The shortest delay of XSPICE; a clock edge takes three of them to the ramp of the charge."""
-
-
-@dataclass(frozen=True)
-class PeerRun:
-    """Voltage error in volt, |pulses - exact|, and wall time of the clocks in seconds."""
-
-    error_v: float
-    count_error: int
-    clocks: int
-    seconds: float
 
 
 def missing(peer: str) -> str | None:
@@ -76,7 +65,7 @@ def _write(where: Path, name: str, lines: Sequence[str]) -> None:
 
 def _judged(
     circuit: Circuit, seconds: float, time_s: Floats, voltage: Floats, told: NDArray[Any], late_s: float = 0.0
-) -> PeerRun:
+) -> Run:
     """Compare a waveform, and the switch states at clocks 0, 1, ..., with the exact solution and count."""
     clocks = circuit.gate_clocks
     end_s = time_s[-1] if time_s.size else 0.0
@@ -86,13 +75,15 @@ def _judged(
     at_edges = np.interp(np.arange(1, clocks + 1) / circuit.f_clk_hz, time_s, voltage)
     error = np.abs(at_edges - circuits.exact_voltage(circuit, told, late_s)[1:])
     # A decision reaches the switch one clock later, and none can fall on clock 0.
-    miscount = abs(int(told.sum()) - count_rational(circuit.duty, clocks - 2))
-    return PeerRun(float(error.max()), miscount, clocks, seconds)
+    code = int(told.sum())
+    return Run(
+        code, abs(code - count_rational(circuit.duty, clocks - 2)), clocks, seconds, float(error.max())
+    )
 
 
 def xspice(
     circuit: Circuit, step_s: float, clocks: int, where: Path, limit_s: float, options: str = OPTIONS
-) -> PeerRun:
+) -> Run:
     """Run plain ngspice: bridges, two d_dff and a gate as event-driven code models, clock from a d_source file.
 
     The time is that of the transient.
@@ -214,7 +205,7 @@ def _raw(path: Path, node: str) -> tuple[Floats, Floats]:
 
 def spicebind(
     circuit: Circuit, step_s: float, clocks: int, where: Path, limit_s: float, options: str = OPTIONS
-) -> PeerRun:
+) -> Run:
     """Run SpiceBind: Icarus with its VPI plug-in; the time is that of the process."""
     import spicebind as package
 
@@ -240,7 +231,7 @@ def spicebind(
 
 def cocotbext_ams(
     circuit: Circuit, step_s: float, clocks: int, where: Path, limit_s: float, options: str = OPTIONS
-) -> PeerRun:
+) -> Run:
     """Run cocotbext-ams: its bridge in a cocotb test on Icarus, exchanging every step_s."""
     circuit = _short(circuit, clocks)
     _compiled(circuit, where, "-DNO_INSTANCE")
@@ -299,7 +290,7 @@ async def _ams_run(dut: Any, job: tuple[float, float, list[str]], where: Path) -
     return time.perf_counter() - begin, np.array(points).reshape(-1, 2)
 
 
-GUESTS: dict[str, Callable[..., PeerRun]] = {"spicebind": spicebind, "cocotbext_ams": cocotbext_ams}
+GUESTS: dict[str, Callable[..., Run]] = {"spicebind": spicebind, "cocotbext_ams": cocotbext_ams}
 """Simulators that are measured if they are installed."""
 PEERS = {"xspice": xspice, **GUESTS}
 
