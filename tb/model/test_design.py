@@ -69,6 +69,7 @@ def test_every_stored_value_has_a_marked_reason_and_nothing_else_has() -> None:
         ("gate_clocks = 510", "gate_clocks = 510.0", "timing.gate_clocks = 510.0: a whole number"),
         ("rows = 16", "rows = 0", "array.rows = 0: a whole number 1..1024"),
         ("[ambient]", "[weather]", "weather = "),
+        ("[array]", '"" = 510.0\n[array]', "scene = 510.0: unknown key"),
         ('topology = "conveyor_mirror"', 'topology = "magic"', 'topology = "magic": one of "direct"'),
         # cross-checks
         ("gate_clocks = 510", "gate_clocks = 625", "timing.gate_clocks = 625: at most 622 of the 625 clocks"),

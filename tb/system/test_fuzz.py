@@ -17,11 +17,9 @@ from hypothesis import strategies as st
 from dermis import engines, plan
 from dermis.chip import spi_protocol as spi
 from dermis.errors import DermisError, InputError
-from dermis.scene import design, scene, schema, stimulus
+from dermis.scene import scene, schema
 from scripts import workers
 from tb.programs.fuzz import command, oracle
-
-TOLD = ("made", "file", "made")
 
 
 def alone(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -111,57 +109,9 @@ def test_an_odd_name_of_out_is_written_or_refused_in_one_line(out: bytes, tmp_pa
     assert done.stderr.decode().rstrip("\n").isprintable()
 
 
-def test_a_name_of_a_scene_beyond_any_disk_is_refused() -> None:
-    with pytest.raises(InputError) as caught:
-        scene.load(scene.find("x" * 5000))
-    assert len(str(caught.value)) < oracle.LINE_MAX
-
-
-def test_an_empty_key_of_a_design_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "design.toml").write_text('"" = 510.0\n')
-    with pytest.raises(InputError) as caught:
-        design.load(tmp_path / "design.toml")
-    assert str(caught.value).isprintable()
-
-
-@pytest.mark.parametrize(
-    ("text", "key", "said"),
-    [
-        ("a" + ".a" * 40 + " = 1\n", "line 1", "keys of fewer than 32 parts"),
-        ("\n\n[" + " . ".join("x" * 40) + "]\n", "line 3", "keys of fewer than 32 parts"),
-        ('title = "v' + ".1" * 20 + '"\n"" = 1\n', "scene", "unknown key"),
-        ("x = " + "[" * 900 + "]" * 900 + "\n", None, ""),
-    ],
-)
-def test_keys_that_no_scene_has_are_one_line(tmp_path: Path, text: str, key: str | None, said: str) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text(text)
-    with pytest.raises(InputError) as caught:
-        scene.load(path)
-    assert key is None or caught.value.key == key
-    assert said in caught.value.allowed
-    assert str(caught.value).isprintable()
-    assert ": : " not in str(caught.value)
-
-
-def test_a_file_takes_no_more_memory_than_it_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "x.csv"
-    path.write_text("1,2\n")
-    asked: list[int] = []
-
-    class Counting(io.FileIO):
-        def read(self, count: int = -1) -> bytes:
-            asked.append(count)
-            return super().read(count)
-
-    monkeypatch.setattr(schema, "open", Counting, raising=False)
-    assert schema.read_bytes(path, stimulus.FILE_BYTES_MAX, TOLD) == b"1,2\n"
-    assert asked == [path.stat().st_size + 1]
-
-
 def test_a_file_that_says_it_is_empty_is_not_read() -> None:
     """/proc/kmsg is a regular file of 0 bytes whose reading waits for the kernel to speak."""
-    assert schema.read_bytes(Path("/proc/kmsg"), 1 << 20, TOLD) == b""
+    assert schema.read_bytes(Path("/proc/kmsg"), 1 << 20, ("made", "file", "made")) == b""
 
 
 READ_OR_WRITE = (spi.read_frame, lambda: spi.read_register(3), lambda: spi.write_register(4, 115))
