@@ -12,8 +12,8 @@ from dermis.scene.design import Design
 from dermis.scene.extracted import CIRCUIT
 from scripts.characterise.benches import Condition
 from tb.programs import calibrated
-from tb.programs.calibrated import DARK, KNOWN, LOW, NEAR_FULL, SETTLING, Load
-from tb.programs.equivalence.columns import Column, Slot, records
+from tb.programs.calibrated import DARK, KNOWN, NEAR_FULL, SETTLING, Load
+from tb.programs.equivalence.columns import Slot, records
 from tb.programs.equivalence.gate import Line
 
 
@@ -111,19 +111,3 @@ def test_a_column_without_its_pedestal_is_found(text: str, zero: float, tmp_path
     assert not isinstance(slots, str), slots
     # Below half a code.
     assert calibrated.code(calibrated.lines_of(loads, slots)[DARK], 510) == pytest.approx(zero, abs=0.3)
-
-
-@pytest.mark.long
-@pytest.mark.timeout(600)
-def test_a_short_gate_foretells_the_count_of_the_chip(tmp_path: Path, design: Design) -> None:
-    loads = (DARK,) * SETTLING + (KNOWN, LOW)
-    short = calibrated.column_of(loads, Condition(sample=1))
-    full = Column(short.deck, design.timing.gate_clocks)
-    first, second = records([short, full], 1, work=tmp_path)
-    assert not isinstance(first, str), first
-    assert not isinstance(second, str), second
-    lines = calibrated.lines_of(loads, first)
-    for load, slot in [*zip(loads, second, strict=True)][SETTLING:]:
-        code, counted = calibrated.code(lines[load], full.clocks), int(slot.bits.sum())
-        # A count is rounded; a quarter is the limit of equivalence.short_gate_error.
-        assert abs(counted - code) < 0.75, load

@@ -4,7 +4,6 @@
 import csv
 import json
 import os
-import resource
 import shlex
 import shutil
 import sys
@@ -191,26 +190,6 @@ def test_a_directory_in_the_place_of_a_file_is_refused(tmp_path: Path, name: str
     before = _contents(out)
     one_line(*here("run", "single_touch", "--out", str(out)), name)
     assert _contents(out) == before
-
-
-# 335 bytes of build/run.json pass, 384 of codes.npy do not.
-@pytest.mark.long
-@pytest.mark.parametrize("limit", [360, 8192], ids=["codes", "figure"])
-def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path, limit: int) -> None:
-    """A limit on the size of a file takes the place of a full disk."""
-    out = tmp_path / "out"
-
-    def small_files() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-    for before in ({}, {Path("codes.npy"): b"of an earlier run", Path("frame.png"): b"too"}):
-        for name, data in before.items():
-            out.mkdir(exist_ok=True)
-            (out / name).write_bytes(data)
-        done = dermis("run", "single_touch", "--out", str(out), preexec_fn=small_files)
-        one_line(done.returncode, done.stderr, "File too large")
-        assert _contents(out) == before
-        assert out.exists() == bool(before)
 
 
 def test_a_defect_is_one_line_even_where_its_log_cannot_be_written(

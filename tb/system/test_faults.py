@@ -1,23 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulator that dies, hangs or is interrupted: exit code, place, log, and no process left."""
+"""A simulator that dies or hangs: exit code, place, log, and no process left."""
 
-import contextlib
 import os
 import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from system_bench import MakePlan, dermis, processes_with
+from system_bench import MakePlan, processes_with
 
 from dermis.engines import cosim
 from dermis.errors import SimulatorError
-from dermis.processes import watchdog
-from dermis.scene.design import ROOT
 from tb.programs.faults.bench import poll
 
 
@@ -60,41 +54,3 @@ def test_a_simulator_that_stops_answering_is_ended(
     with pytest.raises(SimulatorError, match="stopped answering"):
         cosim.run(made, solver=cosim.Solver(t_max_step_s=1e-25), work=tmp_path / "work")
     assert gone(str(tmp_path / "work"))
-
-
-def start_run(out: Path, scene: str = "uniform_staircase") -> subprocess.Popen[str]:
-    """Start a cosim run of many frames and wait for its children."""
-    command = [sys.executable, "-m", "dermis", "run", scene, "--engine", "cosim", "--out", str(out)]
-    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
-    poll(lambda: job_of(child.pid), 60.0)
-    time.sleep(1.0)
-    return child
-
-
-def job_of(parent: int) -> str | None:
-    """Return the job directory of a run's first simulator."""
-    for pid in processes_with("DERMIS_COSIM_JOB="):
-        with contextlib.suppress(OSError, IndexError):  # it has ended meanwhile
-            if int(watchdog.status(pid)[1]) == parent:
-                return str(Path(f"/proc/{pid}/cwd").readlink())
-    return None
-
-
-@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.long)])
-def test_an_interrupted_run_leaves_no_process_and_keeps_earlier_results(
-    tmp_path: Path, how: signal.Signals
-) -> None:
-    out = tmp_path / "out"
-    first = dermis("run", "single_touch", "--out", str(out))
-    assert first.returncode == 0, first.stderr
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    child = start_run(out)
-    job = job_of(child.pid)
-    assert job is not None, "the run has no child to interrupt"
-    child.send_signal(how)
-    _, said = child.communicate(timeout=20)
-    if how == signal.SIGINT:
-        assert child.returncode == 130
-        assert said.splitlines()[-1] == "interrupted"
-    assert gone(str(Path(job).parent))
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before

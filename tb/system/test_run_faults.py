@@ -258,11 +258,17 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     return Bench(tmp_path_factory.mktemp("trials"))
 
 
-LONG = [pytest.param(f"rtl.{what}_kill", marks=pytest.mark.long) for what in ("hdl_simulator", "parent")]
+LONG = [
+    pytest.param(f"{what}_kill", "exit", marks=pytest.mark.long)
+    for what in ("rtl.hdl_simulator", "rtl.parent", "cosim.parent")
+]
 
 
-@pytest.mark.parametrize("wanted", [*LONG, "closed.file_300"])
-def test_a_trial_of_the_campaign(bench: Bench, wanted: str) -> None:
+@pytest.mark.parametrize(
+    ("wanted", "said"), [*LONG, ("closed.file_300", "exit 2"), ("cosim.alone_int", "exit 130")]
+)
+def test_a_trial_of_the_campaign(bench: Bench, wanted: str, said: str) -> None:
     trial = next(trial for trial in trials.every() if f".{wanted}" in trial.name)
-    faults, _ = trial.run(bench)
+    faults, note = trial.run(bench)
     assert faults == []
+    assert note.startswith(said)
