@@ -443,16 +443,14 @@ def load(path: str | Path | None = None) -> Design:
 
     Raises InputError: one line with file, key, value and what is allowed.
     """
-    return _load_default() if path is None else _load(Path(path))
-
-
-def _load(path: Path) -> Design:
-    return _validated(schema.read_toml(path, shown(path)), shown(path))
+    if path is None:
+        return _default()
+    return _validated(schema.read_toml(Path(path), shown(Path(path))), shown(Path(path)))
 
 
 @functools.cache
-def _load_default() -> Design:
-    return _load(DESIGN_FILE)
+def _default() -> Design:
+    return load(DESIGN_FILE)
 
 
 class Reason(NamedTuple):

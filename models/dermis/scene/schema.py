@@ -156,13 +156,9 @@ def read_toml(path: Path, name: Path | str | None = None) -> dict[str, Any]:
 
 
 def _line_of(error: tomllib.TOMLDecodeError, text: str) -> str:
-    lines = text.splitlines()
-    words = str(error).replace(",", " ").replace(")", " ").split()
-    if "line" in words:
-        number = words[words.index("line") + 1]
-        if number.isdigit() and 0 < int(number) <= len(lines):
-            return lines[int(number) - 1]
-    return lines[-1] if lines else ""
+    """Return the line of an error, the last one where it has no number."""
+    lines, number = text.splitlines() or [""], re.search(r"line (\d+)", str(error))
+    return lines[min(int(number[1]), len(lines)) - 1 if number else -1]
 
 
 def validate(
@@ -216,28 +212,30 @@ def _too_large(data: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, .
             yield from _too_large(value, (*place, str(key)))
 
 
-def _place(data: Any, location: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the part of a location that exists in the data, without tags of unions."""
-    place, here = [], data
+def _path(data: Any, location: tuple[Any, ...]) -> Iterator[tuple[Any, bool, Any]]:
+    """Yield each part of a location, whether it is in the data (tags of unions are not), and the value so far."""
+    here = data
     for part in location:
-        in_table = isinstance(here, dict) and part in here
-        if in_table or (isinstance(here, list) and isinstance(part, int)):
-            place.append(part)
+        in_list = isinstance(here, list) and isinstance(part, int) and part < len(here)
+        if there := in_list or (isinstance(here, dict) and part in here):
             here = here[part]
-    return tuple(place)
+        yield part, there, here
+
+
+def _place(data: Any, location: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the part of a location that exists in the data."""
+    return tuple(part for part, there, _ in _path(data, location) if there)
 
 
 def _complaint(model: type[BaseModel], data: Any, error: Any) -> tuple[str, Any, str]:
     """Return key, value and allowed values of an error of pydantic."""
     kind, names, allowed = error["type"], [], ""
     missing = kind == "missing"
-    here: Any = data
     schema: Any = model
-    for part in error["loc"]:
-        in_table = isinstance(here, dict) and part in here
-        if in_table or (isinstance(here, list) and isinstance(part, int) and part < len(here)):
-            here = here[part]
-        elif not (missing and part == error["loc"][-1]):  # the tag of an alternative
+    steps = list(_path(data, error["loc"]))
+    here = steps[-1][2] if steps else data
+    for part, there, _ in steps:
+        if not there and not (missing and part == error["loc"][-1]):  # the tag of an alternative
             schema = _alternative(schema, part)
             continue
         names.append(str(part))
