@@ -88,14 +88,10 @@ def load(path: Path) -> World:
 
 @dataclass(frozen=True)
 class Profile:
-    """Limits of random scenes."""
-
     sizes: Mapping[tuple[tuple[int, int], tuple[int, int]], float]  # weights of ends of rows and columns
     frames: tuple[int, ...] = (1, 1, 2, 3, 5)  # one of them is drawn
-    noise: bool = True  # effects that draw numbers
+    plain: bool = False  # no effect that draws numbers, no parameter such as 1e30, resistances only
     designs: bool = True  # changed clocks and bits
-    extremes: bool = True  # parameters such as 1e30
-    stimuli: bool = True  # other than resistances
     often: tuple[float, ...] = (0.0, 0.05, 0.15, 0.4, 0.8)  # shares of effects on, one of them is drawn
     auto: float = 0.0  # share of scenes with `auto`
     budgets: tuple[float, ...] = (0.0, 0.05, 0.25, 0.5, 2.0)  # of `auto`, LSB
@@ -108,7 +104,7 @@ def _exactly(rows: int, cols: int) -> tuple[tuple[int, int], tuple[int, int]]:
 
 _RARE = {_exactly(*size): 1e-3 for size in ((1, 256), (256, 1), (64, 3), (3, 64), (32, 32))}
 _SMALL, _LARGE = {((1, 3), (1, 3)): 1.0}, {_exactly(16, 16): 1.0, ((3, 19), (3, 19)): 1.0}
-_PLAIN = Profile(_SMALL, (1,), noise=False, designs=False, extremes=False, stimuli=False)
+_PLAIN = Profile(_SMALL, (1,), plain=True, designs=False)
 PROFILES = {
     "closed,event": Profile(
         {((1, 4), (1, 4)): 0.55, ((1, 9), (1, 9)): 0.4, ((1, 20), (1, 20)): 0.045, **_RARE}, auto=0.15
@@ -121,9 +117,7 @@ PROFILES = {
         designs=True,
     ),
     "cosim": _PLAIN,
-    "auto": Profile(
-        _LARGE, (24,), designs=False, extremes=False, often=(0.7,), auto=1.0, budgets=(0.0,), gentle=True
-    ),
+    "auto": Profile(_LARGE, (24,), designs=False, often=(0.7,), auto=1.0, budgets=(0.0,), gentle=True),
 }
 """Limits by engines of `dermis campaign`, and "auto" for comparisons of `auto` with everything on."""
 
@@ -157,7 +151,7 @@ def random_scene(rng: Rng, profile: Profile) -> World:
         "sensor": {"law": rng.choice(("inverse",) * 4 + ("power",))},
     }
     files: dict[str, list[list[float]]] = {}
-    if profile.stimuli and (profile.gentle or rng.random() > 0.65):
+    if not profile.plain and (profile.gentle or rng.random() > 0.65):
         kind = rng.choice(KINDS)
     else:
         kind = "resistance"
@@ -171,7 +165,7 @@ def random_scene(rng: Rng, profile: Profile) -> World:
     on = _effects(rng, topology, cols, profile)
     if rng.random() > 1.0 - profile.auto:
         # `auto` takes effects without an entry at their defaults.
-        off = {e.name: False for e in effects.EFFECTS.values() if e.considered and e.random > profile.noise}
+        off = {e.name: False for e in effects.EFFECTS.values() if e.considered and e.random and profile.plain}
         on = {"auto": {"budget_lsb": rng.choice(profile.budgets)}} | off | on
     if profile.gentle:
         _gentle(rng, topology, on)
@@ -219,7 +213,7 @@ def unit_ohm(interface: Mapping[str, Any]) -> float:
 def _taxel(rng: Rng, unit: float, gate: int, profile: Profile) -> Callable[[], float]:
     """Return a function that draws the resistance of a taxel in ohm."""
     way, shorts = rng.random(), rng.random() > 0.7
-    share = rng.choice((0.05, 0.3, 0.9)) if shorts and profile.stimuli else 0.0
+    share = rng.choice((0.05, 0.3, 0.9)) if shorts and not profile.plain else 0.0
 
     def ohm() -> float:
         if share and rng.random() < share:
@@ -231,7 +225,7 @@ def _taxel(rng: Rng, unit: float, gate: int, profile: Profile) -> Callable[[], f
             return near * (1.0 + rng.randint(-2, 2) * 2.0**-52)
         if way < 0.75:  # a duty of p/q
             return unit * rng.randint(1, 12) / max(rng.randint(0, 12), 1)
-        if way < 0.9 or not profile.stimuli:
+        if way < 0.9 or profile.plain:
             return unit * number(rng, 0.1, 1e5)
         return number(rng, 1e-3, 1e15)
 
@@ -251,14 +245,14 @@ def _parameters(topology: str) -> dict[str, dict[str, float | None]]:
 
 def _effects(rng: Rng, topology: str, cols: int, profile: Profile) -> Data:
     often = rng.choice(profile.often)
-    strengths = ("default", "scaled", "beyond", "extreme" if profile.extremes else "scaled")
+    strengths = ("default", "scaled", "beyond", "scaled" if profile.plain else "extreme")
     strength = "scaled" if profile.gentle else rng.choice(strengths)
     decades = float(strength == "beyond")
     on: Data = {}
     for name, defaults in _parameters(topology).items():
         effect = effects.EFFECTS[name]
         rare = 0.4 if effect.random or (profile.gentle and not effect.considered) else 1.0
-        if rng.random() <= 1.0 - often * rare or effect.random > profile.noise:
+        if rng.random() <= 1.0 - often * rare or (effect.random and profile.plain):
             continue
         if strength == "default" and None not in defaults.values():
             on[name] = True
