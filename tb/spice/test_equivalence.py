@@ -173,13 +173,6 @@ def test_a_column_of_another_circuit_is_another_column(longer_mirror: Path, tmp_
     assert faults.LOOP.column(longer_mirror).name == ours
 
 
-@pytest.mark.long
-def test_the_gate_notices_a_wrong_device_in_the_netlist(tmp_path: Path) -> None:
-    faulty = faults.LOOP.column(faults.written("wrong_ratio", tmp_path))
-    row = command.fault_row("wrong_ratio", columns.records([faulty], 1, work=tmp_path)[0])
-    assert row["status"] == "PASS", row
-
-
 # ---- faults by rule ------------------------------------------------------------------------------------------
 
 
