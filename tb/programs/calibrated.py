@@ -62,7 +62,6 @@ DRIFT = (DARK,) * SETTLING + (NEAR_FULL, LOW)
 
 
 def column_of(loads: Sequence[Load], condition: Condition, blocks: Path | None = None) -> Column:
-    """Return the column with a row for each load."""
     design = design_module.load()
     k, v_bias_v = design.interface.k, design.interface.v_bias_v
     elements = [f"vbias vbias 0 {v_bias_v!r}"]

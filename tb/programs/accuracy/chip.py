@@ -82,7 +82,6 @@ class Point:
 
     @property
     def slot_s(self) -> float:
-        """Time of one row."""
         return SETTLE_S + self.gate_clocks / self.f_clk_hz
 
 
@@ -193,7 +192,6 @@ def gate_points() -> list[Point]:
 
 
 def curve_of(points: Sequence[Point], name: str, f_clk_hz: float) -> list[Point]:
-    """Return the points of a curve at a clock."""
     return [p for p in points if (p.curve, p.f_clk_hz) == (name, f_clk_hz)]
 
 

@@ -79,14 +79,12 @@ class Point:
 
     @property
     def row(self) -> Row:
-        """The row of error and time."""
         note = f"{self.setting}; {self.seconds:.3g} s; codes off by {self.largest_lsb:g} at most"
         name = row_name(self.work, self.method, self.setting)
         return verdict.report(name, self.error, "LSB" if self.work == FRAMES else "V", note)
 
 
 def row_name(*words: str) -> str:
-    """Return the name of a row from work, method and setting."""
     return ".".join(("accuracy", *words)).replace(": ", "_").replace(", ", ".").replace(" ", "_")
 
 
@@ -235,7 +233,6 @@ _MANY = 64
 
 
 def frame_methods(quick: bool) -> Iterator[Method]:
-    """Yield every engine and setting."""
     many, bare = random_plan(_MANY, "event", **EFFECTS), random_plan(_MANY, "closed")
     truth = cache(partial(reference.codes, many))  # 50 digits take 0.1 s a conversion
 

@@ -60,20 +60,16 @@ LARGE = 256  # rows and columns of a large frame
 
 @dataclass
 class Measurements:
-    """Scratch space and settings."""
-
     work: Path
     repeat: int
     quick: bool
     runs: Iterator[int] = field(default_factory=itertools.count)
 
     def place(self) -> Path:
-        """Return the path of a new directory."""
         return self.work / f"run_{next(self.runs):03d}"
 
 
 def machine_rows(m: Measurements) -> Iterator[Row]:
-    """Describe the machine and what else runs on it."""
     yield verdict.report("machine.cores", os.cpu_count(), "cores", machine_line())
     yield busy_row("machine.busy_cores")
 
@@ -268,7 +264,6 @@ def event_rows(m: Measurements) -> Iterator[Row]:
 
 
 def off_rows(m: Measurements) -> Iterator[Row]:
-    """Measure the cost of effects that are named but off."""
     off = dict.fromkeys(effects.EFFECTS, False)
     for kind, engine, frames in (("", "event", 32), (".closed", "closed", 512)):
         named, bare = (random_plan(frames, engine, **on) for on in (off, {}))

@@ -65,12 +65,10 @@ class Circuit:
 
     @property
     def clocks(self) -> int:
-        """Clocks of a run of the circuit."""
         return self.settle_clocks + self.gate_clocks
 
     @property
     def parameters(self) -> dict[str, int]:
-        """Parameters of dermis_top."""
         clocks = {"GATE_CLOCKS": self.gate_clocks, "SETTLE_CLOCKS": 1 + self.settle_clocks}
         return {"ROWS": 1, "COLS": 1, "CODE_BITS": 12, "BREAK_CLOCKS": 1, "SYNC_LATCH": 0} | clocks
 
@@ -182,7 +180,6 @@ class Run:
 
     @property
     def rate(self) -> float:
-        """Clocks a second."""
         return self.clocks / self.seconds
 
 

@@ -124,7 +124,6 @@ def store_cases(engines: str, seed: int, total: Tally, where: Path) -> list[Path
 
 
 def rows(engines: str, seed: int, scenes: int, total: Tally) -> Iterator[verdict.Row]:
-    """Yield the rows of build/campaign.json."""
     name, counts = engines.replace(",", "_"), total.counts
     given_up = f"{counts['given_up']} scenes end with exit 3"
     note = f"seed {seed}, {counts['refused']} refused with one line, {given_up}"
@@ -146,7 +145,6 @@ def rows(engines: str, seed: int, scenes: int, total: Tally) -> Iterator[verdict
 
 
 def search_rows(seed: int, short: bool, store: Checkpoint, processes: int) -> Iterator[verdict.Row]:
-    """Run the searches and yield their rows."""
     totals = {}
     for kind in search.SEARCHES:
         scenes = SIZES[kind].short if short else SIZES[kind].whole

@@ -60,7 +60,6 @@ class Subject:
 
     @functools.cached_property
     def active(self) -> frozenset[str]:
-        """Record fields that are on."""
         return self.plan.active_fields()
 
     @functools.cached_property
@@ -70,7 +69,6 @@ class Subject:
 
     @functools.cached_property
     def result(self) -> Result:
-        """Result of engine event with all effects."""
         engines.check(self.plan)
         return engines.run(self.plan)
 
@@ -299,14 +297,11 @@ ENGINES = {name: {law.__name__: (law, share) for law, share in laws.items()} for
 
 
 def meaning(engines_: str, name: str) -> str:
-    """Return the statement of a law in one line."""
     return (ENGINES[engines_][name][0].__doc__ or "").splitlines()[0].rstrip(".")
 
 
 @dataclass
 class Outcome:
-    """Result of the laws for one world."""
-
     refused: str = ""  # message of the InputError, or of the SimulatorError of an array solve
     given_up: bool = False  # the latter, exit 3
     broken: list[tuple[str, str]] = field(default_factory=list)  # law and line

@@ -50,13 +50,11 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Part of a row's name."""
         at = self.condition
         supply = "" if at.supply == 1.0 else f"_{at.supply:g}"
         return f"{self.topology}.k{self.k}.{at.corner}_{at.celsius:g}C{supply}"
 
     def resistances(self) -> Floats:
-        """Return the taxels whose ideal codes the case gives."""
         design = design_module.load()
         unit_ohm = design.interface.v_bias_v / (self.k * design.converter.i0_a)
         with np.errstate(divide="ignore"):

@@ -38,8 +38,6 @@ ROLES = {
 
 @dataclass
 class Ended:
-    """Exit code and output of a command that has ended."""
-
     code: int
     out: str
     error: str

@@ -85,12 +85,10 @@ class Trial:
 
     @property
     def name(self) -> str:
-        """Its name, with dots between."""
         return f"{self.disturbance}.{self.on}.{self.what}.{self.number}"
 
     @property
     def subject(self) -> Subject:
-        """The command that is disturbed."""
         return SUBJECTS[self.on]
 
     def run(self, bench: Bench) -> Found:
@@ -332,7 +330,6 @@ TRIALS = {
 
 
 def every() -> list[Trial]:
-    """Return all trials."""
     trials: list[Trial] = []
     for disturbance, subjects in TRIALS.items():
         for subject, words in subjects.items():

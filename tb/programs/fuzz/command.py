@@ -133,7 +133,6 @@ def replay(name: str) -> dict[str, dict[str, str]]:
 
 
 def rows_of(tasks: Sequence[workers.Task], outcomes: Sequence[workers.Outcome]) -> list[Row]:
-    """Return the rows of build/fuzz.json."""
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     findings: dict[str, list[str]] = defaultdict(list)
     missed, seeded = [], 0

@@ -80,7 +80,6 @@ def _bases() -> list[bytes]:
 
 
 def strategy() -> st.SearchStrategy[bytes]:
-    """Draw scenes."""
     return inputs.toml(_bases(), _words())
 
 

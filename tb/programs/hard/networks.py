@@ -44,7 +44,6 @@ class Hard:
     short: bool = False
 
     def network(self) -> Network:
-        """Return the network."""
         return Network(self.g, V_BIAS, **self.kind)
 
     def expected(self) -> Floats:
@@ -52,7 +51,6 @@ class Hard:
         return nodal.column_currents(self.network(), DIGITS, self.slots)
 
     def rows(self) -> Any:
-        """Return the index of the compared slots."""
         return slice(None) if self.slots is None else list(self.slots)
 
 

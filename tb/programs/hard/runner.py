@@ -22,7 +22,6 @@ SLOW = ("cosim", "verilator")
 
 
 def all_cases() -> list[Case]:
-    """Return every case of every module."""
     return [case for module in MODULES.values() for case in module.cases()]
 
 
