@@ -15,11 +15,8 @@ from scripts.synth.cells import TECHNOLOGIES
 from scripts.synth.map import Netlist, Size, map_design
 
 CELLS = synth_cells.OSU035 / "osu035_stdcells.v"
-pytestmark = [
-    pytest.mark.long,
-    pytest.mark.timeout(240),
-    pytest.mark.skipif(not CELLS.is_file(), reason="Debian package qflow-tech-osu035 is not installed"),
-]
+needs_osu035 = pytest.mark.skipif(not CELLS.is_file(), reason="qflow-tech-osu035 of Debian is not installed")
+pytestmark = [pytest.mark.long, pytest.mark.timeout(240)]
 OSU035 = TECHNOLOGIES["osu035"]
 SIZE = Size(2, 2, sync_latch=True)
 
@@ -49,6 +46,7 @@ PIN_FAULTS = {
 }
 
 
+@needs_osu035
 def test_the_netlist_does_on_its_pins_what_the_verilog_does_and_faults_are_seen(
     netlist: Netlist, tmp_path: Path
 ) -> None:
@@ -62,6 +60,7 @@ def test_the_netlist_does_on_its_pins_what_the_verilog_does_and_faults_are_seen(
         assert status(gate_level.pin_rows(wrong, SIZE, "x"))[row] == "FAIL"
 
 
+@needs_osu035
 def test_a_test_of_the_top_passes_and_with_a_fault_it_is_counted(netlist: Netlist, tmp_path: Path) -> None:
     # A gate of 510 clocks, so that a frame is read before the next but one.
     x = [[(1, 510), (1, 3)], [(0, 1), (1, 2)]]
@@ -74,6 +73,7 @@ def test_a_test_of_the_top_passes_and_with_a_fault_it_is_counted(netlist: Netlis
     assert status(rows)["failed_tests"] == "FAIL"
 
 
+@needs_osu035
 def test_a_simulation_that_does_not_end_is_an_error(netlist: Netlist) -> None:
     design = gate_level.netlist_design(netlist)
     with pytest.raises(SimulatorError, match="took more than"):

@@ -21,12 +21,12 @@ from scripts.synth.equivalence import Proof, prove
 from scripts.synth.map import RAM, Netlist, Size, map_design, map_once
 from scripts.synth.timing import Timing
 
+pytestmark = pytest.mark.timeout(240)
 LIBRARY = synth_cells.OSU035 / "osu035_stdcells.lib"
-pytestmark = [
-    pytest.mark.timeout(240),
-    pytest.mark.skipif(not LIBRARY.is_file(), reason="Debian package qflow-tech-osu035 is not installed"),
-    pytest.mark.skipif(shutil.which("sta") is None, reason="Debian package opensta is not installed"),
-]
+needs_osu035 = pytest.mark.skipif(
+    not LIBRARY.is_file(), reason="qflow-tech-osu035 of Debian is not installed"
+)
+needs_sta = pytest.mark.skipif(shutil.which("sta") is None, reason="opensta of Debian is not installed")
 OSU035 = TECHNOLOGIES["osu035"]
 COUNTER = "dermis_gated_counter"
 SYNC = "dermis_sync_latch"
@@ -65,6 +65,8 @@ def chip(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[verdict.Row], N
 
 
 @pytest.mark.long
+@needs_osu035
+@needs_sta
 def test_a_small_chip_maps_is_proved_equal_and_meets_its_clocks(
     chip: tuple[list[verdict.Row], Netlist],
 ) -> None:
@@ -78,6 +80,7 @@ def test_a_small_chip_maps_is_proved_equal_and_meets_its_clocks(
     assert flat.fanout[0] > 4
 
 
+@needs_osu035
 def test_a_block_passes_every_count_and_its_latch_is_the_library_s(tmp_path: Path) -> None:
     made = block(tmp_path)
     assert set(judged(made).values()) == {"PASS"}
@@ -101,6 +104,7 @@ def test_a_block_maps_to_sky130_and_is_proved_equal(tmp_path: Path, module: str,
     assert prove(made, {}, tmp_path / "proof", top=module).proved is True
 
 
+@needs_osu035
 @pytest.mark.parametrize(
     ("stored", "row"),
     [
@@ -117,6 +121,7 @@ def test_a_latch_and_a_flop_without_reset_are_seen(tmp_path: Path, stored: str, 
     assert judged(block(tmp_path, edit=fault))[row] == "FAIL"
 
 
+@needs_osu035
 def test_a_combinational_loop_is_an_error_and_no_netlist(tmp_path: Path) -> None:
     fault = lambda text: text.replace(  # noqa: E731
         "assign rising = pulse_i & ~pulse_q;",
@@ -126,6 +131,7 @@ def test_a_combinational_loop_is_an_error_and_no_netlist(tmp_path: Path) -> None
         block(tmp_path, edit=fault)
 
 
+@needs_osu035
 def test_the_memory_can_stay_a_black_box_and_the_hierarchy_be_kept(tmp_path: Path) -> None:
     def made(place: str, **options: bool) -> Netlist:
         return map_design(OSU035, {"BANK_BYTES": 9}, tmp_path / place, top="dermis_frame_buffer", **options)
@@ -140,6 +146,7 @@ def test_the_memory_can_stay_a_black_box_and_the_hierarchy_be_kept(tmp_path: Pat
     assert top["area_um2"] == split.area_um2 > memory["area_um2"]
 
 
+@needs_osu035
 @pytest.mark.parametrize(
     ("module", "faults"),
     [
@@ -189,6 +196,7 @@ Path Type: max
 """
 
 
+@needs_osu035
 @pytest.mark.parametrize(
     "says",
     [
@@ -236,6 +244,8 @@ def test_the_constraints_hold_the_design_s_clock(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.long
+@needs_osu035
+@needs_sta
 def test_a_crossing_longer_than_a_period_and_derates_are_seen(
     chip: tuple[list[verdict.Row], Netlist], tmp_path: Path
 ) -> None:
@@ -272,6 +282,7 @@ def test_a_netlist_is_mapped_again_if_its_inputs_or_its_files_change(
     assert mapped()
 
 
+@needs_osu035
 def test_cells_not_to_use_are_gone_from_the_mapping_library(tmp_path: Path) -> None:
     full = cells(OSU035.liberty("typical"))
     left = cells(mapping_liberty(OSU035, tmp_path / "map.lib"))
