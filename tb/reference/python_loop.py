@@ -17,9 +17,8 @@ from dermis.chip import bridge, netlist
 from dermis.chip.analog import ExactHalf
 from dermis.chip.split import SplitHalf, Workers
 from dermis.lockstep import ngspice
-from dermis.lockstep.clock_loop import ClockLoop
-from dermis.lockstep.half import AnalogHalf, Edge
-from dermis.lockstep.ngspice import Deck, NgspiceHalf
+from dermis.lockstep.clock_loop import AnalogHalf, ClockLoop
+from dermis.lockstep.ngspice import Deck, Edge, NgspiceHalf
 from dermis.ndarrays import Floats
 from dermis.records import Plan
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.converter.vfc import W_PRESET
-from dermis.lockstep.half import Edge
+from dermis.lockstep.ngspice import Edge
 
 
 class ExactHalf:

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 
 from dermis.chip import read_out, register_map, spi_protocol
 from dermis.errors import SimulatorError
-from dermis.lockstep.clock_loop import ClockLoop, known
-from dermis.lockstep.half import AnalogHalf
+from dermis.lockstep.clock_loop import AnalogHalf, ClockLoop, known
 from dermis.timing import Timing
 
 START_CLOCKS = 64

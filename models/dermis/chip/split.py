@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.errors import SimulatorError
-from dermis.lockstep.half import Edge
-from dermis.lockstep.ngspice import Deck, NgspiceHalf
+from dermis.lockstep.ngspice import Deck, Edge, NgspiceHalf
 from dermis.processes import pool
 
 
@@ -53,7 +52,7 @@ STILL_V = 1e-6
 
 
 class SplitHalf:
-    """The circuits of some decks as one analog half (see dermis.lockstep.half.AnalogHalf).
+    """The circuits of some decks as one analog half (see dermis.lockstep.clock_loop.AnalogHalf).
 
     Parameters
     ----------

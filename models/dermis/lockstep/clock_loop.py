@@ -10,14 +10,14 @@ from __future__ import annotations
 import ctypes
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dermis.errors import SimulatorError
 from dermis.lockstep import ngspice
-from dermis.lockstep.half import AnalogHalf, Edge
+from dermis.lockstep.ngspice import Edge
 
 # Of clock_loop.c.
 _WRONG = 1
@@ -26,6 +26,20 @@ MAX_SAMPLES, MAX_NETS, MAX_BITS, MAX_CLOCKS = 4096, 64, 256, 8
 _NUMBER, _WHOLE, _TICKS = ctypes.c_double, ctypes.c_int, ctypes.c_ulonglong
 _TEXT, _ARRAY = ctypes.c_char_p, ctypes.c_void_p
 _SOLVE = ctypes.CFUNCTYPE(_WHOLE, _NUMBER, _WHOLE, ctypes.POINTER(_WHOLE), *[ctypes.POINTER(_NUMBER)] * 5)
+
+
+class AnalogHalf(Protocol):
+    """The analog side of a lock-step run.
+
+    The caller knows every edge of an interval before the interval is solved, because digital nets
+    change at clock edges only; so an analog half never has to go back.
+    """
+
+    def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
+        """Solve up to `to` seconds with these edges; return a sample a comparator, > 0 if high."""
+
+    def close(self) -> None:
+        """Release its resources."""
 
 
 class _Loop(ctypes.Structure):
@@ -82,7 +96,7 @@ class ClockLoop:
         self._clocks += 1
         _limit(self._clocks, MAX_CLOCKS, "clocks")
         handle.value = 0
-        self._lib.loop_clock(_path(handle), half)
+        self._lib.loop_clock(handle._path.encode(), half)
         self.require()
 
     def net(
@@ -100,9 +114,8 @@ class ClockLoop:
         kind = _REAL if isinstance(handle.value, float) else _CODE if code else _BITS
         self._nets.append((handle, width(handle), low, high, kind == _BITS))
         _limit(len(self._nets), MAX_NETS, "nets")
-        self._lib.loop_net(
-            _path(handle), kind, width(handle), low, high, None if copy is None else _path(copy)
-        )
+        copied = None if copy is None else copy._path.encode()
+        self._lib.loop_net(handle._path.encode(), kind, width(handle), low, high, copied)
         self.require()
 
     def output(self, handle: Any, above: Sequence[float], crossing: bool = False) -> None:
@@ -112,7 +125,8 @@ class ClockLoop:
         """
         self._outputs += 1
         _limit(self._outputs, MAX_NETS, "nets")
-        self._lib.loop_output(_path(handle), width(handle), (_NUMBER * width(handle))(*above), crossing)
+        levels = (_NUMBER * width(handle))(*above)
+        self._lib.loop_output(handle._path.encode(), width(handle), levels, crossing)
         self.require()
 
     def levels(self) -> list[float]:
@@ -208,33 +222,29 @@ class ClockLoop:
         """End the loop where it is."""
         self._lib.loop_stop()
 
-    def _kept(self) -> tuple[NDArray[np.float64], list[int]]:
-        """Return the rows that are kept, and the columns at which the words of each net end."""
+    def _kept(self) -> list[NDArray[np.float64]]:
+        """Return the rows that are kept, [events, n]: times, samples, and with a trace the words of each net."""
         self.stop()
         words = [self._loop.trace * ((bits + 31) // 32) for _, bits, *_ in self._nets]
-        ends = [1 + self._loop.samples, *(1 + self._loop.samples + np.cumsum(words)).tolist()]
-        rows = np.frombuffer(ctypes.string_at(self._loop.kept, self._loop.kept_bytes))
-        return rows[: len(rows) // ends[-1] * ends[-1]].reshape(-1, ends[-1]).copy(), ends
+        *starts, width = np.cumsum([1, self._loop.samples, *words]).tolist()
+        numbers = np.frombuffer(ctypes.string_at(self._loop.kept, self._loop.kept_bytes))
+        rows = numbers[: len(numbers) // width * width].reshape(-1, width)
+        return np.split(rows.copy(), starts, axis=1)
 
     def samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """End the loop; return the times [events] in s of 0 and all events, and samples [events, samples] in volt."""
-        rows, ends = self._kept()
-        return rows[:, 0], rows[:, 1 : ends[0]]
+        times, samples, *_ = self._kept()
+        return times[:, 0], samples
 
     def trace(self) -> list[list[int]]:
         """End the loop; return every net after events 1, 2, ..."""
-        rows, ends = self._kept()
-        parts = np.split(rows[1:].astype("<u4"), ends, axis=1)[1:-1]
-        return [[int.from_bytes(row.tobytes(), "little") for row in part] for part in parts]
+        _, _, *nets = self._kept()
+        return [[int.from_bytes(row.astype("<u4").tobytes(), "little") for row in net[1:]] for net in nets]
 
 
 def _limit(number: int, most: int, what: str) -> None:
     if number > most:
         raise SimulatorError(f"more than {most} {what}")
-
-
-def _path(handle: Any) -> bytes:
-    return handle._path.encode()
 
 
 def width(handle: Any) -> int:

@@ -64,19 +64,20 @@ static struct lockstep {
     int last; /* that ngspice asked for */
 
     int vector[MAX_SOURCES]; /* of each probe, in ngspice */
-    double probe[MAX_SOURCES], *low, *high; /* and their extremes since the last advance began */
+    double probe[MAX_SOURCES], due[MAX_SOURCES]; /* and the time of its next sample */
+    double *samples, *low, *high; /* of the last advance, the extremes since it began */
 
     bool sampled; /* the probes have had a value; with initial conditions there is none at time 0 */
     bool poisoned; /* sources are NaN, so that ngspice gives up */
     bool waiting;  /* ngspice is in a transient and its caller has control */
 
-    double t_asked, t_target, t_corner; /* time of the last corner of a source */
+    double t_target, t_corner; /* time of the last corner of a source */
 
     /* the step that was accepted last time, by what it follows: a sample without an edge, a ramp start, a ramp end */
     double remembered[3];
     enum { AFTER_SAMPLE, AT_RAMP, AFTER_RAMP } kind;
     bool first_of_kind;
-    bool met, ramp_begins; /* the caller was met at this time point, and began an edge there */
+    bool met, ramp_begins; /* this time point is a sample, and the caller began an edge there */
 } ls;
 static ucontext_t caller, runner;
 static bool gone; /* ngspice wished to end the process, and takes no other circuit */
@@ -161,10 +162,14 @@ static double ulps(double t) { return 8.0 * 2.220446049250313e-16 * fmax(fabs(t)
 /* Times this close are one: a step between them would be near ngspice's smallest, 1e-11 of the largest. */
 static double tiny(void) { return 1e-10 * of->t_max_step; }
 
-/* The first time after t at which a source begins or ends its edge, and if one does at t: no step goes beyond it. */
+/* The first time after t of a sample, or at which a source begins or ends its edge, and if one does at t: no step goes
+   beyond it. */
 static double next_corner(double t, bool *landed)
 {
-    double next = HUGE_VAL;
+    double next = ls.t_target;
+    for (int p = 0; p < of->n_probe; p++)
+        if (ls.due[p] > t + ulps(t))
+            next = fmin(next, ls.due[p]);
     for (const struct source *s = ls.source; s < ls.source + of->n_source; s++)
         for (int end = 0; end < 2; end++) {
             double corner = end ? s->t + s->t_edge : s->t;
@@ -218,7 +223,7 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
     of->accepted++;
     meet(t); /* without initial operating point there is no data at t = 0 */
     bool landed = false;
-    double left = fmin(next_corner(t, &landed), ls.t_target) - t;
+    double left = next_corner(t, &landed) - t;
     if (landed)
         ls.kind = AFTER_RAMP;
     if (ls.met) {
@@ -277,14 +282,16 @@ static int on_data(pvecvaluesall all, int count, int id, void *user)
     if (ls.state != RUNNING || ls.poisoned)
         return 0;
     of->started = ls.sampled = true;
-    for (int p = 0; p < of->n_probe; p++) {
-        if (ls.vector[p] >= 0)
-            ls.probe[p] = all->vecsa[ls.vector[p]]->creal;
-        ls.low[p] = fmin(ls.low[p], ls.probe[p]), ls.high[p] = fmax(ls.high[p], ls.probe[p]);
-    }
     for (int v = 0; v < all->veccount; v++)
         if (all->vecsa[v]->is_scale)
             t = all->vecsa[v]->creal;
+    for (int p = 0; p < of->n_probe; p++) {
+        if (ls.vector[p] >= 0)
+            ls.probe[p] = all->vecsa[ls.vector[p]]->creal;
+        if (fabs(t - ls.due[p]) <= ulps(t))
+            ls.samples[p] = ls.probe[p], ls.met = true, ls.ramp_begins = false;
+        ls.low[p] = fmin(ls.low[p], ls.probe[p]), ls.high[p] = fmax(ls.high[p], ls.probe[p]);
+    }
     if (ls.record) {
         fwrite_unlocked(&t, sizeof t, 1, ls.record);
         fwrite_unlocked(ls.probe, sizeof t, (size_t)of->n_probe, ls.record);
@@ -401,46 +408,6 @@ static int run_to(double to)
             return wrong_name(of->probe_names[p]);
     if (of->t_now < to - ulps(to) || !of->started)
         return give_up(of->started ? "ngspice stopped" : "ngspice found no operating point");
-    return 0;
-}
-
-/* Solve up to time `to`, with those edges that begin after `after`, and unless it is a sample ahead of the rest, with all
-   others. */
-static int solve(double after, double to, bool early, int n_edge, const int *edge_source, const double *edge_time,
-                 const double *edge_level)
-{
-    static int order[MAX_EDGES];
-    int failed = 0;
-    if (ls.state != READY && ls.state != RUNNING)
-        return fail(ls.state == ENDED ? "the transient has ended" : "the circuit is not running");
-    if (to > of->t_stop * (1.0 + 1e-12)) /* clocks times period may round beyond frames times slot */
-        return fail("asked to go beyond the end of the transient");
-    if (n_edge > MAX_EDGES)
-        return fail("more than %d edges", MAX_EDGES);
-    for (int e = 0; e < n_edge; e++) { /* in order of time: nearly always they are */
-        int k = e;
-        for (; k > 0 && edge_time[order[k - 1]] > edge_time[e]; k--)
-            order[k] = order[k - 1];
-        order[k] = e;
-    }
-    for (int k = 0; k < n_edge; k++) {
-        int e = order[k], i = edge_source[e];
-        double t = edge_time[e];
-        if (t <= after || (t > to && early))
-            continue;
-        if (i < 0 || i >= of->n_source || t < of->t_now - ulps(t) || t > to)
-            return fail("an edge lies outside the interval");
-        struct source *s = &ls.source[i];
-        if (t < s->t + s->t_edge - ulps(t))
-            return fail("an edge begins before the last one of its source has ended: %.60s at %.9g s",
-                        of->source_names[i], t);
-        if (s->t + s->t_edge > of->t_now && (failed = run_to(t))) /* a source has one edge at a time */
-            return failed;
-        s->from = level(s, t), s->to = edge_level[e], s->t = t;
-        ls.ramp_begins = true;
-    }
-    if ((failed = run_to(to)))
-        return failed;
     for (int i = 0; i < of->n_source; i++)
         if (!ls.source[i].asked)
             return wrong_name(of->source_names[i]);
@@ -454,34 +421,48 @@ static int solve(double after, double to, bool early, int n_edge, const int *edg
 }
 
 /* Solve up to time `to`; edge i moves source edge_source[i] to edge_level[i], beginning at edge_time[i] in [now, to].
-   samples receives the probes at `to`, late ones as they were that much earlier, at 0 for a time before; low and high
+   samples receives the probes at `to`, late ones as they were that much earlier, at `to` for a time before 0; low and high
    their extremes over all time points since the last call. */
 int lockstep_advance(double to, int n_edge, const int *edge_source, const double *edge_time, const double *edge_level,
                      double *samples, double *low, double *high)
 {
-    double after = -HUGE_VAL, late = HUGE_VAL;
-    ls.low = low, ls.high = high;
-    for (int p = 0; p < of->n_probe; p++)
-        low[p] = HUGE_VAL, high[p] = -HUGE_VAL;
-    while (late > 0.0) {
-        double before = late;
-        late = 0.0;
-        for (int p = 0; p < of->n_probe; p++) /* the different ones, longest first, and then 0 */
-            late = of->late[p] < before ? fmax(late, of->late[p]) : late;
-        double at = to - late;
-        if (late > 0.0 && at < ls.t_asked - tiny() && ls.t_asked > 0.0)
-            return fail("not advanced: a probe is %g s late, but the last sample is %g s ago", late, to - ls.t_asked);
-        if (late == 0.0 || at > ls.t_asked + tiny()) {
-            int failed = solve(after, at, late > 0.0, n_edge, edge_source, edge_time, edge_level);
-            if (failed)
-                return failed;
-            after = ls.t_asked = at;
-        }
-        for (int p = 0; p < of->n_probe; p++)
-            if (of->late[p] == late || (late == 0.0 && to < of->late[p]))
-                samples[p] = ls.probe[p];
+    static int order[MAX_EDGES];
+    int failed = 0;
+    if (ls.state != READY && ls.state != RUNNING)
+        return fail(ls.state == ENDED ? "the transient has ended" : "the circuit is not running");
+    if (to > of->t_stop * (1.0 + 1e-12)) /* clocks times period may round beyond frames times slot */
+        return fail("asked to go beyond the end of the transient");
+    if (n_edge > MAX_EDGES)
+        return fail("more than %d edges", MAX_EDGES);
+    ls.samples = samples, ls.low = low, ls.high = high;
+    for (int p = 0; p < of->n_probe; p++) {
+        double now = of->t_now, at = to - of->late[p];
+        if (at < now - tiny() && now > 0.0)
+            return fail("not advanced: a probe is %g s late, but the last sample is %g s ago", of->late[p], to - now);
+        ls.due[p] = at < 0.0 || at > to - tiny() ? to : at < now + tiny() ? now : at;
+        samples[p] = ls.probe[p], low[p] = HUGE_VAL, high[p] = -HUGE_VAL;
     }
-    return 0;
+    for (int e = 0; e < n_edge; e++) { /* in order of time: nearly always they are */
+        int k = e;
+        for (; k > 0 && edge_time[order[k - 1]] > edge_time[e]; k--)
+            order[k] = order[k - 1];
+        order[k] = e;
+    }
+    for (int k = 0; k < n_edge; k++) {
+        int e = order[k], i = edge_source[e];
+        double t = edge_time[e];
+        if (i < 0 || i >= of->n_source || t < of->t_now - ulps(t) || t > to)
+            return fail("an edge lies outside the interval");
+        struct source *s = &ls.source[i];
+        if (t < s->t + s->t_edge - ulps(t))
+            return fail("an edge begins before the last one of its source has ended: %.60s at %.9g s",
+                        of->source_names[i], t);
+        if (s->t + s->t_edge > of->t_now && (failed = run_to(t))) /* a source has one edge at a time */
+            return failed;
+        s->from = level(s, t), s->to = edge_level[e], s->t = t;
+        ls.ramp_begins = true;
+    }
+    return run_to(to);
 }
 
 /* Let a transient return, at its end or given up before, so that the process can have another circuit. */

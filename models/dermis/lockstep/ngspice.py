@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 
 from dermis.errors import InputError, SimulatorError, tool_path
 from dermis.lockstep import ladder, netlist_faults
-from dermis.lockstep.half import Edge
 from dermis.places import BUILD
 from dermis.processes.children import run_child
 
@@ -35,6 +34,9 @@ LOOP_SOURCE = Path(__file__).with_name("clock_loop.c")
 COMPILE_LIMIT_S = 60
 FLAGS = ("-O2", "-shared", "-fPIC", "-D_GNU_SOURCE", "-lngspice")
 NGSPICE = "libngspice.so.0"
+
+Edge = tuple[float, int, float]
+"""(time in seconds, index of the source, new level in volt): a digital net begins to move."""
 
 _GAVE_UP, _WRONG_NAME = -2, -3  # what an advance returns without a solution, and for a wrong name
 _COMPLAINT = re.compile(
@@ -145,7 +147,7 @@ def _array(kind: Any, items: Sequence[Any]) -> Any:
 
 
 class NgspiceHalf:
-    """One ngspice transient as an analog half (see dermis.lockstep.half.AnalogHalf).
+    """One ngspice transient as an analog half (see dermis.lockstep.clock_loop.AnalogHalf).
 
     Parameters
     ----------
@@ -193,10 +195,9 @@ class NgspiceHalf:
         lines = [*deck.lines, *level.option_lines]
         step_s, shortest_s = min(t_max_step_s, deck.longest_step_s), min(t_edge_s, deck.longest_edge_s)
         edges_s = deck.edges_s or [t_edge_s if abrupt else shortest_s for abrupt in deck.abrupt]
-        late_s = np.where(self._late_s > 1e-10 * step_s, self._late_s, 0.0)  # `tiny` of lockstep.c
         gear = any("method=gear" in "".join(line.lower().split()) for line in lines)
         arrays = {"source_names": deck.sources, "probe_names": deck.probes, "abrupt": deck.abrupt}
-        arrays |= {"levels": deck.levels, "t_edges": edges_s, "late": late_s.tolist()}
+        arrays |= {"levels": deck.levels, "t_edges": edges_s, "late": self._late_s.tolist()}
         given: dict[str, Any] = {name: _array(_KINDS[name]._type_, items) for name, items in arrays.items()}
         given |= {"log_path": str(log).encode(), "n_source": len(deck.sources), "n_probe": len(deck.probes)}
         given |= {"t_edge": t_edge_s, "t_max_step": step_s, "t_stop": t_stop_s, "growth": deck.step_growth}
