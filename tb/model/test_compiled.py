@@ -19,7 +19,6 @@ from dermis.decode.calibration import Calibration
 from dermis.decode.decoder import Forces
 from dermis.decode.memory import MemoryLaw, SheetMemory
 from dermis.errors import InputError
-from dermis.lockstep.ngspice import NgspiceHalf
 from dermis.scene import sensor
 from dermis.skin import Skin
 
@@ -45,7 +44,7 @@ GUARDS = {
     "skin": {"_read_frames": "Skin.read", "_taxel_frames": "Skin.read"},
     # C: lockstep.c and clock_loop.c.
     "lockstep": {
-        "lockstep_advance": "NgspiceHalf.check",
+        "lockstep_advance": "itself, in lockstep.c",
         "lockstep_open": "Deck",
         **dict.fromkeys(("loop_net", "loop_output"), "ClockLoop"),
         "loop_clock": "numbers and text alone",
@@ -206,14 +205,3 @@ def test_no_number_stays_no_number() -> None:
     curve = law.of_sensor(sensor.InverseSensor(7500.0))
     assert np.isnan(curve.force_n(np.nan))
     assert Calibration.of_plan(SKIN.plan).curve.force_n([0.0, 1e-3]).tolist() == [0.0, 7.5]
-
-
-@pytest.mark.parametrize(
-    "edges", [[(0.0, 2, 1.0)], [(0.0, -1, 1.0)], [(np.nan, 0, 1.0)], [(0.0, 1, np.inf)], [(0.0, 0, 1.0)] * 5]
-)
-def test_edges_that_c_would_write_elsewhere_are_refused(edges: list[tuple[float, int, float]]) -> None:
-    half = object.__new__(NgspiceHalf)  # without ngspice
-    half._sources, half._source = ("a", "b"), np.zeros(4, np.int32)
-    half.check([(0.0, 1, 1.0)] * 4)
-    with pytest.raises(ValueError, match="edge"):
-        half.check(edges)

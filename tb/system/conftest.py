@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dermis import plan
 from dermis.chip import hdl
+from dermis.processes import pool
 from dermis.records import Plan
 from scripts import lint
 
@@ -59,6 +60,5 @@ def faulty_chip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[st
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DeckReader]:
     """A process that reads decks without the Verilog."""
-    made = DeckReader(tmp_path_factory.mktemp("decks"))
-    yield made
-    made.close()
+    with pool.workers(1) as executor:
+        yield DeckReader(executor, tmp_path_factory.mktemp("decks"))

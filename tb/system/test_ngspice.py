@@ -14,6 +14,7 @@ from dermis.lockstep import ngspice
 from dermis.scene.design import ROOT
 
 RC = """
+    import math
     from pathlib import Path
     from dermis.errors import DermisError
     from dermis.lockstep.ngspice import Deck, NgspiceHalf
@@ -49,7 +50,6 @@ def test_an_rc_charges_as_the_formula_says(tmp_path: Path) -> None:
     said = run(
         tmp_path,
         """
-        import math
         h = half(t_stop=4e-6)
         h.advance(0.0, [])
         v = [float(h.advance(t, edges)[0]) for t, edges in ((1e-6, []), (2e-6, [(1e-6, 0, 1.0)]), (4e-6, []))]
@@ -72,6 +72,10 @@ TO_1U = "h = half(); h.advance(1e-6, []); "
     ("code", "said"),
     [
         (AT_0 + "refused(lambda: h.advance(1e-6, [(2e-6, 0, 1.0)]))", "outside the interval"),
+        (AT_0 + "refused(lambda: h.advance(1e-6, [(1e-7, 1, 1.0)]))", "or is of no source"),
+        (AT_0 + "refused(lambda: h.advance(1e-6, [(math.nan, 0, 1.0)]))", "outside the interval"),
+        (AT_0 + "refused(lambda: h.advance(1e-6, [(1e-7, 0, math.inf)]))", "source v_d is inf"),
+        (AT_0 + "refused(lambda: h.advance(1e-6, [(1e-7, 0, 1.0)] * 4097))", "more than 4096 edges"),
         (
             AT_0 + "refused(lambda: h.advance(1e-6, [(0.5e-6, 0, 1.0), (0.5003e-6, 0, 0.0)]))",
             "before the last one of its source has ended",

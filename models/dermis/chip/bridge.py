@@ -60,23 +60,19 @@ def analog_s(timing: Timing, rows: int | None = None) -> float:
     return (slots * timing.slot_clocks - timing.break_clocks) / timing.f_clk_hz
 
 
-def _settings(timing: Timing, cols: int, rows: range | None, ranges: Sequence[int]) -> list[tuple[int, int]]:
+def _settings(timing: Timing, cols: int, rows: range, ranges: Sequence[int]) -> list[tuple[int, int]]:
     """Return the registers, address and value, that differ from reset for these rows and ranges."""
     named = register_map.REGISTERS
-
-    def words(name: str, value: int) -> list[tuple[int, int]]:
-        own = named[name].words(timing.rows, cols, timing.code_max.bit_length())
-        return [(named[name].address + n, value >> 16 * n & 0xFFFF) for n in range(len(own))]
-
-    settings = []
-    if rows is not None and len(rows) < timing.rows:
-        settings += words("ROW_MASK", sum(1 << row for row in rows))
+    values = {"ROW_MASK": sum(1 << row for row in rows)} if len(rows) < timing.rows else {}
     if len(set(ranges)) > 1:
-        settings += words("RANGE_COLUMN", sum(n << 2 * c for c, n in enumerate(ranges)))
-        control = named["CONTROL"].reset | register_map.CONTROL_RANGE_PER_COLUMN_MASK
-        settings.append((register_map.CONTROL, control))
+        values["RANGE_COLUMN"] = sum(n << 2 * c for c, n in enumerate(ranges))
+        values["CONTROL"] = named["CONTROL"].reset | register_map.CONTROL_RANGE_PER_COLUMN_MASK
     elif ranges and ranges[0] != named["RANGE"].reset:
-        settings.append((register_map.RANGE, ranges[0]))
+        values["RANGE"] = ranges[0]
+    settings = []
+    for name, value in values.items():
+        words = named[name].words(timing.rows, cols, timing.code_max.bit_length())
+        settings += [(named[name].address + n, value >> 16 * n & 0xFFFF) for n in range(len(words))]
     return settings
 
 
@@ -111,7 +107,7 @@ class Bridge:
     ) -> None:
         self._dut, self._timing, self._cols, self._sync_latch = dut, timing, cols, sync_latch
         self._rows = range(timing.rows) if rows is None else rows
-        self._settings = _settings(timing, cols, rows, ranges)
+        self._settings = _settings(timing, cols, self._rows, ranges)
         self._progress, self._samples = progress, samples
         self._slots = 0
         self.samples: list[NDArray[np.float64]] = []

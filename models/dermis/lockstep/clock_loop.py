@@ -101,8 +101,8 @@ class ClockLoop:
 
     def net(
         self, handle: Any, low: float = 0.0, high: float = 1.0, code: bool = False, copy: Any = None
-    ) -> None:
-        """Let a net drive the next sources of the analog half.
+    ) -> int:
+        """Let a net drive the next sources of the analog half; return their number.
 
         Parameters
         ----------
@@ -111,12 +111,14 @@ class ClockLoop:
         code : its bits drive one source with their number, unsigned
         copy : a net that receives the same value when the loop looks, or None
         """
-        kind = _REAL if isinstance(handle.value, float) else _CODE if code else _BITS
-        self._nets.append((handle, width(handle), low, high, kind == _BITS))
+        bits = width(handle)
+        kind = _REAL if isinstance(handle.value, float) else _CODE if code and bits > 1 else _BITS
+        self._nets.append((handle, bits, low, high, kind == _BITS))
         _limit(len(self._nets), MAX_NETS, "nets")
         copied = None if copy is None else copy._path.encode()
-        self._lib.loop_net(handle._path.encode(), kind, width(handle), low, high, copied)
+        self._lib.loop_net(handle._path.encode(), kind, bits, low, high, copied)
         self.require()
+        return bits if kind == _BITS else 1
 
     def output(self, handle: Any, above: Sequence[float], crossing: bool = False) -> None:
         """Make the bits of a net comparators of the next samples: bit i is high while its sample is over `above[i]` V.

@@ -133,8 +133,8 @@ class Cosim:
         self._step_s = shortest if step_s is None else step_s
         if not 0.0 < self._step_s < math.inf or shortest <= 0.0:
             raise self._wrong("step_s, period_s", (step_s, period_s), "times above 0; without a clock step_s")
-        self._inputs = dict(inputs)
-        self._outputs = {net: (c,) if isinstance(c, Compare) else tuple(c) for net, c in outputs.items()}
+        self._inputs = {net: (drive, _several(drive.source, str)) for net, drive in inputs.items()}
+        self._outputs = {net: _several(bits, Compare) for net, bits in outputs.items()}
         for net, drive in inputs.items():
             between = 0.5 * shortest if both_edges else shortest
             if not 0.0 < drive.edge_s < between:
@@ -230,18 +230,15 @@ class Cosim:
             raise self._wrong("settle_s", self._settle_s, allowed)
         await Timer(settle, unit="step")
         for _ in range(START_TRIES):
-            since = cocotb.utils.get_sim_time("step") - began
-            # from the last edge of each clock to now
-            passed = [(since + n // 2) % gap for n, gap in zip(periods.values(), between, strict=True)]
-            waits = [
-                0 if settle <= past < gap - ahead else (settle - past) % gap
-                for past, gap in zip(passed, between, strict=True)
-            ]
-            if not any(waits):
+            since, wait = cocotb.utils.get_sim_time("step") - began, 0
+            for units, gap in zip(periods.values(), between, strict=True):
+                past = (since + units // 2) % gap  # from its last edge to now
+                wait = max(wait, 0 if settle <= past < gap - ahead else (settle - past) % gap)
+            if not wait:
                 break
-            await Timer(max(waits), unit="step")
+            await Timer(wait, unit="step")
         one = len(periods) == 1  # whose edges are multiples of its period to the last digit
-        shortest_s = min((drive.edge_s for drive in self._inputs.values()), default=self._step_s)
+        shortest_s = min((drive.edge_s for drive, _ in self._inputs.values()), default=self._step_s)
         times = {
             "base": longest if one else 1,
             "base_s": max(self._clocks.values()) if one else unit,
@@ -269,13 +266,10 @@ class Cosim:
     def _connect(self, loop: ClockLoop, handles: Mapping[str, Any]) -> None:
         """Give the loop all nets but clocks; sources and samples are in the order of inputs and outputs."""
         taken: set[str] = set()
-        for name, drive in self._inputs.items():
-            handle, own = handles[name], _sources(drive)
-            real, bits = isinstance(handle.value, float), width(handle)
-            code = isinstance(drive.source, str) and bits > 1
-            if len(own) != bits and not (real or code):
-                raise self._wrong(name, own, f"one source, or {bits}")
-            loop.net(handle, drive.low, drive.high, code)
+        for name, (drive, own) in self._inputs.items():
+            count = loop.net(handles[name], drive.low, drive.high, isinstance(drive.source, str))
+            if len(own) != count:
+                raise self._wrong(name, own, f"one source, or {count}")
             for source in own:
                 if source.lower() in taken:
                     raise self._wrong(name, source, "a source that no other bit drives")
@@ -291,17 +285,17 @@ class Cosim:
             handle.value = 0
 
     def _circuit(self, levels: Sequence[float]) -> NgspiceHalf:
-        drives = [(source, drive) for drive in self._inputs.values() for source in _sources(drive)]
-        edges_s = tuple(drive.edge_s for _, drive in drives)
-        names, abrupt = tuple(name for name, _ in drives), tuple(drive.abrupt for _, drive in drives)
+        drives = [(name, drive.edge_s, drive.abrupt) for drive, own in self._inputs.values() for name in own]
+        names, edges_s, abrupt = zip(*drives, strict=True) if drives else ((), (), ())
         circuit = tuple(self._lines), names, tuple(levels), abrupt, tuple(self._nodes)
         deck = Deck(*circuit, edges_s=edges_s, own_steps=any(abrupt) or netlist_faults.breaks(self._lines))
         shortest = min(edges_s, default=self._step_s)
         return NgspiceHalf(deck, t_edge_s=shortest, t_max_step_s=self._step_s, t_stop_s=END_S, log=self._log)
 
 
-def _sources(drive: Drive) -> tuple[str, ...]:
-    return (drive.source,) if isinstance(drive.source, str) else tuple(drive.source)
+def _several(given: Any, kind: type) -> tuple[Any, ...]:
+    """Return one or several of a kind as several."""
+    return (given,) if isinstance(given, kind) else tuple(given)
 
 
 def _with_paths(text: str, folder: Path) -> str:

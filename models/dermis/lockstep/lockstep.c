@@ -451,8 +451,8 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
     for (int k = 0; k < n_edge; k++) {
         int e = order[k], i = edge_source[e];
         double t = edge_time[e];
-        if (i < 0 || i >= of->n_source || t < of->t_now - ulps(t) || t > to)
-            return fail("an edge lies outside the interval");
+        if (i < 0 || i >= of->n_source || !(t >= of->t_now - ulps(t) && t <= to)) /* nor NaN */
+            return fail("an edge lies outside the interval, or is of no source");
         struct source *s = &ls.source[i];
         if (t < s->t + s->t_edge - ulps(t))
             return fail("an edge begins before the last one of its source has ended: %.60s at %.9g s",

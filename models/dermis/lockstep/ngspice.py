@@ -220,11 +220,7 @@ class NgspiceHalf:
             nodesets = self._guess()
             start = ladder.START[0]
         load([*nodesets, ".save " + " ".join(f"v({p})" for p in deck.probes)], start)
-        room = max(1, 4 * len(deck.sources))
-        self._source, self._time, self._level = np.zeros(room, np.int32), np.zeros(room), np.zeros(room)
-        self._sample, *extremes = np.zeros((3, len(deck.probes)))
-        exchanged = self._source, self._time, self._level, self._sample, *extremes
-        self._pointers = [array.ctypes.data for array in exchanged]
+        self._samples = np.zeros((3, len(deck.probes)))  # samples, and their extremes
 
     @property
     def entry(self) -> int:
@@ -256,27 +252,18 @@ class NgspiceHalf:
         found = re.findall(r"(?m)^stdout ([^\s#]+) = (\S+)$", self._said()[before:])
         return [f".nodeset v({name})={value}" for name, value in found if math.isfinite(float(value))]
 
-    def check(self, edges: Sequence[Edge]) -> None:
-        """Raise ValueError for an edge of a source that the deck has not, or of no finite time and level."""
-        for time, source, level in edges:
-            if not (0 <= source < len(self._sources) and math.isfinite(time) and math.isfinite(level)):
-                allowed = f"a finite time and level of source 0..{len(self._sources) - 1}"
-                raise ValueError(f"edge {(time, source, level)} must be {allowed}")
-        if len(edges) > self._source.size:
-            raise ValueError(f"{len(edges)} edges in one call; at most {self._source.size}")
-
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
         """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next call overwrites).
 
         Those of `Deck.late_s` are what they were that much earlier, on a time point of the solution; for a time before
-        0, what they were at 0. SimulatorError for a probe that is later than the last call was.
+        0, what they were at 0. SimulatorError for a probe that is later than the last call was, or an edge that is not
+        in this interval or of no source.
         """
-        self.check(edges)
-        for i, (time, source, level) in enumerate(edges):
-            self._source[i], self._time[i], self._level[i] = source, time, level
-        if failed := self._lib.lockstep_advance(to, len(edges), *self._pointers):
+        time, source, level = np.array(edges, dtype=float).reshape(-1, 3).T.copy()
+        arrays = source.astype(np.int32), time, level, *self._samples
+        if failed := self._lib.lockstep_advance(to, len(edges), *(array.ctypes.data for array in arrays)):
             self.fail(failed)
-        return self._sample
+        return self._samples[0]
 
     def waveform(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
         """Return the recorded times in seconds and, by probe, voltages; empty unless `record` was set.
