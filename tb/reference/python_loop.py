@@ -90,8 +90,9 @@ class Job:
 async def both(dut: Any, job: Job, where: Path) -> list[dict[str, Any]]:
     """Return codes, samples, trace, steps and waveform of the loop in C, then of the one in Python."""
     ngspice.LOOP_SOURCE = job.loop_source or ngspice.LOOP_SOURCE
-    plan, workers = job.plan, Workers(where / "ngspice.log")
-    times = {"t_edge_s": 1e-9, "t_max_step_s": 1e-6, "t_stop_s": bridge.analog_s(plan.timing)}
+    plan, workers = job.plan, Workers()
+    options = {"t_edge_s": 1e-9, "t_max_step_s": 1e-6, "t_stop_s": bridge.analog_s(plan.timing)}
+    options |= {"log": where / "ngspice.log", "record": True}
     width = plan.cols * (2 if job.half == "ngspice" else 1)  # comparators, then integrators
     found = []
     for chip_class, half_class in ((bridge.Bridge, NgspiceHalf), (PythonBridge, LateHalf)):
@@ -105,11 +106,10 @@ async def both(dut: Any, job: Job, where: Path) -> list[dict[str, Any]]:
                 t_clk_s = 1.0 / plan.timing.f_clk_hz
                 return ExactHalf(plan.duty_ideal()[frame], levels, t_clk_s=t_clk_s, t_edge_s=1e-9)
             if job.half == "split":
-                half = SplitHalf(
-                    {(c,): deck((c,)) for c in range(plan.cols)}, plan.rows, workers, record=True, **times
-                )
+                decks = {(c,): deck((c,)) for c in range(plan.cols)}
+                half = SplitHalf(decks, plan.rows, workers, **options)
             else:
-                half = half_class(deck(), log=where / "ngspice.log", record=True, **times)
+                half = half_class(deck(), **options)
             close = half.close
 
             def closed() -> None:

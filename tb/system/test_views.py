@@ -192,8 +192,13 @@ def charge(decks: dict[tuple[int, ...], Deck], made: Plan, folder: Path) -> NDAr
     solutions can be compared to far below a count, and where they decide differently as well.
     """
     cols, t_clk = made.cols, 1.0 / made.timing.f_clk_hz
-    workers = Workers(folder / "ngspice.log")
-    times = {"t_edge_s": 1e-9, "t_max_step_s": 1e-6, "t_stop_s": CLOCKS * t_clk}
+    workers = Workers()
+    times = {
+        "t_edge_s": 1e-9,
+        "t_max_step_s": 1e-6,
+        "t_stop_s": CLOCKS * t_clk,
+        "log": folder / "ngspice.log",
+    }
     half = SplitHalf(decks, made.rows, workers, **times, record=True, level=ladder.Level(start=1))
     edges: list[tuple[float, int, float]] = []
     low = np.zeros(cols, dtype=bool)

@@ -32,38 +32,22 @@ class ExactHalf:
         self._t_clk, self._t_edge = t_clk_s, t_edge_s
         self._now = 0.0
         self.w = np.full(self._cols, W_PRESET)
-        self._row = np.array(levels[: self._rows])
-        self._preset = levels[self._rows]
-        self._charge = np.array(levels[self._rows + 1 :])
+        self._level = np.array(levels, dtype=float)
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
         """Solve up to `to` seconds; return w [cols] in packets, high when > 0."""
-        span = to - self._now
-        ramp = 0.5 * self._t_edge
-        x = self._row @ self._x if self._row.any() else np.zeros(self._cols)
-        d_row = np.zeros(self._rows)
-        packets = self._charge * span
-        change = np.zeros(self._cols)
+        preset, begin = self._rows, self._now
         for time, source, level in edges:
-            left = to - time - ramp
-            if source < self._rows:
-                d_row[source] = (level - self._row[source]) * left
-                self._row[source] = level
-            elif source == self._rows:
-                if level < self._preset:
-                    self.w[:] = W_PRESET
-                    # the preset ends at the start of its falling edge, as the switch in SPICE
-                    span = to - time
-                self._preset = level
-            else:
-                c = source - self._rows - 1
-                packets[c] += (level - self._charge[c]) * left
-                self._charge[c] = level
-        if d_row.any():
-            change = d_row @ self._x
-        self.w += (x * span + change - packets) / self._t_clk
+            if source == preset and level < self._level[preset]:
+                # the preset ends at the start of its falling edge, as the switch in SPICE
+                begin, self.w[:] = time, W_PRESET
+        area = self._level * (to - begin)
+        for time, source, level in edges:
+            area[source] += (level - self._level[source]) * (to - time - 0.5 * self._t_edge)
+            self._level[source] = level
+        self.w += (area[:preset] @ self._x - area[preset + 1 :]) / self._t_clk
         self._now = to
-        if self._preset > 0.0:
+        if self._level[preset] > 0.0:
             self.w[:] = W_PRESET
         # A tie is high: w has summed up to a slot of clocks, each rounded to 1e-12 packet (seconds of 2 ms).
         return np.where(self.w >= -1e-9, 1.0, -1.0)

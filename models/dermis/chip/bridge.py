@@ -89,7 +89,7 @@ class Bridge:
     ranges : range of each column, written to RANGE or RANGE_COLUMN before it is enabled; as reset by default
     trace : keep what crossed, clock by clock
     samples : number of samples of the analog half that are kept each clock, in `samples`
-    progress : called with the number of slots done
+    progress : called after each slot
     """
 
     def __init__(
@@ -103,13 +103,12 @@ class Bridge:
         sync_latch: bool = False,
         trace: bool = False,
         samples: int = 0,
-        progress: Callable[[int], None] = lambda slots: None,
+        progress: Callable[[], object] = lambda: None,
     ) -> None:
         self._dut, self._timing, self._cols, self._sync_latch = dut, timing, cols, sync_latch
         self._rows = range(timing.rows) if rows is None else rows
         self._settings = _settings(timing, cols, self._rows, ranges)
         self._progress, self._samples = progress, samples
-        self._slots = 0
         self.samples: list[NDArray[np.float64]] = []
         self.trace = Trace() if trace else None
         self.charge_delay_clocks = 0.5 if sync_latch else 0.0  # the latch opens with the falling edge
@@ -222,8 +221,7 @@ class Bridge:
             wait = timing.slot_clocks - (0 if slot else timing.break_clocks)
             await Timer(2 * self._half_ps * wait, unit="ps")
             loop.require()
-            self._slots += 1
-            self._progress(self._slots)
+            self._progress()
         samples = loop.samples()[1]
         if trace:
             comparators = np.packbits(samples[1:, : self._cols] > 0.0, axis=1, bitorder="little")

@@ -21,30 +21,19 @@ from dermis.lockstep.ngspice import Deck, Edge, NgspiceHalf
 from dermis.processes import pool
 
 
-class Workers:
-    """Processes that solve a circuit each, one after another; they start when first asked for.
-
-    Each has a log of ngspice of its own: `log` with its number in the name.
-    """
-
-    def __init__(self, log: Path) -> None:
-        self._log = log
-        self._running: list[pool.Workers] = []
-
-    def log_of(self, index: int) -> Path:
-        """Return the log of ngspice in a worker."""
-        return self._log.with_name(f"{self._log.stem}_{index}{self._log.suffix}")
+class Workers(list[pool.Workers]):
+    """Processes that solve a circuit each, one after another; they start when first asked for."""
 
     def first(self, count: int) -> list[pool.Workers]:
         """Return the first `count` workers."""
-        self._running += [pool.Workers(1, pool.ONE_THREAD) for _ in range(len(self._running), count)]
-        return self._running[:count]
+        self += [pool.Workers(1, pool.ONE_THREAD) for _ in range(len(self), count)]
+        return self[:count]
 
     def close(self) -> None:
         """End all workers."""
-        for worker in self._running:
+        for worker in self:
             worker.shutdown(cancel_futures=True)
-        self._running.clear()
+        self.clear()
 
 
 # Smaller changes of a row's voltage do not reach the columns: 2e-6 of the bias, 1e-3 of a code at full scale.
@@ -60,13 +49,14 @@ class SplitHalf:
         probes are the rows; the rows of the others are then sources of these voltages
     rows : rows of the array; sources of every deck are rows, preset, and the charge switches of its columns
     workers : where they are solved
-    options : of NgspiceHalf, but for its log
+    log : of ngspice; each worker has its own, with its number in the name
+    options : of NgspiceHalf
 
     Errors are those of NgspiceHalf, of several the first.
     """
 
     def __init__(
-        self, decks: Mapping[tuple[int, ...], Deck], rows: int, workers: Workers, **options: Any
+        self, decks: Mapping[tuple[int, ...], Deck], rows: int, workers: Workers, log: Path, **options: Any
     ) -> None:
         self._columns = [part for part in decks if part]
         self._shared = rows + 1
@@ -76,13 +66,13 @@ class SplitHalf:
         all_ = workers.first(len(decks))
         self._workers, self._driver = all_[: len(self._columns)], all_[len(self._columns) :]
         self._sample = np.zeros(len(self._place))
-        self._log = workers.log_of(0)
+        self._folder = log.parent
         self._now = self._driven = 0.0
         self._still = False
         self._row_v: list[float] = []
 
         def opening(index: int, deck: Deck) -> tuple[Any, ...]:
-            return _open, deck, {**options, "log": workers.log_of(index)}
+            return _open, deck, {**options, "log": log.with_name(f"{log.stem}_{index}{log.suffix}")}
 
         if self._driver:
             (self._row_v,) = self._ask(self._driver, [opening(len(self._columns), decks[()])])
@@ -97,7 +87,7 @@ class SplitHalf:
         try:
             return [task.result() for task in tasks]
         except pool.WorkerLost as error:
-            raise SimulatorError(f"of the analog side {error.what}", self._log.parent) from None
+            raise SimulatorError(f"of the analog side {error.what}", self._folder) from None
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
         """Solve up to time `to` in seconds; return the comparators there, in volt, by column.

@@ -11,7 +11,6 @@ import pickle
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
@@ -84,7 +83,6 @@ def run(
         raise InputError(plan.scene.path, names[0] if names else min(lost), what, allowed)
     start = time.perf_counter()
     build = hdl.build(simulator, "dermis_top", hdl.reader_parameters(plan, sync_latch))
-    ended = threading.Event()
 
     def scanned(blocks: tuple[masking.Block, ...], files: Path) -> list[dict[str, Any]]:
         slots = sum(len(block.rows) for block in blocks)
@@ -94,8 +92,6 @@ def run(
 
         def one(index: int) -> dict[str, Any]:
             def on_slots(slots: int) -> None:
-                if ended.is_set():
-                    raise SimulatorError("the run was ended")
                 done[index] = slots
                 if progress is not None:
                     progress(masked + sum(done))
@@ -109,13 +105,8 @@ def run(
                 job = Job(plan.timing, plan.cols, ranges, made, sync_latch, steps, record)
                 return _run_job(job, plan, simulator, build, files / f"job_{index}", on_slots)
 
-        with ThreadPoolExecutor(max(jobs, 1)) as pool:
-            futures = [pool.submit(one, i) for i in range(jobs)]
-            try:
-                return [future.result() for future in futures]
-            except BaseException:
-                ended.set()  # the others end at their next look
-                raise
+        with children.stoppable(max(jobs, 1)) as pool:
+            return list(pool.map(one, range(jobs)))
 
     rows = masking.everything(plan, "waveforms are of whole frames")
     if not record:
@@ -175,8 +166,8 @@ def _run_job(
 
     def progress() -> int:
         nonlocal slots
-        with contextlib.suppress(FileNotFoundError, ValueError):  # not there yet, or being written
-            slots = int((directory / "progress").read_text() or 0)
+        with contextlib.suppress(FileNotFoundError):  # not there yet
+            slots = (directory / "progress").stat().st_size
         on_slots(slots)
         return slots
 

@@ -8,6 +8,7 @@ import os
 import pickle
 import traceback
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +33,8 @@ async def _frames(dut: Any, job_dir: Path) -> dict[str, Any]:
     ended: list[tuple[dict[str, int], Any]] = []
     ways: dict[int, ladder.Climb] = {}
     running: list[int] = []
-    scanned, before = [], 0
-
-    workers = Workers(job_dir / "ngspice.log")
+    scanned: list[Any] = []
+    workers = Workers()
 
     def circuit(block: Block, levels: list[float], level: ladder.Level) -> NgspiceHalf | SplitHalf:
         first, decks, shared = block.rows[0], {}, timing.rows + 1
@@ -52,8 +52,9 @@ async def _frames(dut: Any, job_dir: Path) -> dict[str, Any]:
             "record": job.record,
             "level": level,
         }
+        options["log"] = job_dir / "ngspice.log"
         if len(decks) == 1:
-            half = NgspiceHalf(deck, log=job_dir / "ngspice.log", **options)
+            half = NgspiceHalf(deck, **options)
             half.advance(0.0, [])
             return half
         try:
@@ -81,11 +82,8 @@ async def _frames(dut: Any, job_dir: Path) -> dict[str, Any]:
         half.close = closed
         return half
 
-    progress = os.open(job_dir / "progress", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
-
-    def on_slot(slots: int) -> None:
-        os.pwrite(progress, f"{before + slots}\n".encode(), 0)
-
+    progress = (job_dir / "progress").open("wb", buffering=0)
+    on_slot = partial(progress.write, b".")  # a byte a slot
     for scan in job.scans:
         while True:
             options = {"sync_latch": job.sync_latch, "trace": job.record, "progress": on_slot}
@@ -99,10 +97,9 @@ async def _frames(dut: Any, job_dir: Path) -> dict[str, Any]:
                 # the abort is not taken on, since on another rung they may be others.
                 ways[running[-1]].up(abort)
                 workers.close()
-                os.ftruncate(progress, 0)
+                progress.truncate(progress.seek(sum(map(len, scanned))))
                 kept.clear()
         scanned.append(codes.reshape(-1, job.cols))
-        before += len(scanned[-1])
         ended += kept
         kept.clear()
     workers.close()

@@ -27,7 +27,6 @@ from dermis.processes import watchdog
 STARTED_S = 10.0  # longest wait for the end of the watchdog
 LOOK_S = 0.05  # between two looks at a program
 
-_stopped = threading.Event()
 _lock = threading.Lock()
 _numbers = itertools.count(1)
 _watchdog: subprocess.Popen[bytes] | None = None
@@ -78,8 +77,7 @@ class Child(subprocess.Popen[bytes]):
     ) -> None:
         self.mark = f"{guard()}/{next(_numbers)}"
         marked = {**os.environ, **(environment or {}), watchdog.VARIABLE: self.mark}
-        held = getattr(_held, "handles", ())
-        super().__init__(command, env=marked, start_new_session=True, pass_fds=held, **options)
+        super().__init__(command, env=marked, start_new_session=True, pass_fds=_own.handles, **options)
 
     def processes(self) -> set[watchdog.Process]:
         """Return the live processes of its tree, in any session, also after its own end."""
@@ -108,18 +106,29 @@ class Child(subprocess.Popen[bytes]):
         return sorted(commands.values())
 
 
-_held = threading.local()
+class _OfThread(threading.local):
+    """What children of a thread inherit, and events that end them."""
+
+    handles: tuple[int, ...] = ()
+    ends: tuple[threading.Event, ...] = ()
+
+    def stopped(self) -> bool:
+        """Return True once one of the events has come."""
+        return any(event.is_set() for event in self.ends)
+
+
+_own = _OfThread()
 
 
 @contextlib.contextmanager
 def holding(handle: int | None) -> Iterator[None]:
     """Let children of the block inherit an open file: its lock lasts until the last one ends."""
-    before = getattr(_held, "handles", ())
-    _held.handles = before if handle is None else (*before, handle)
+    before = _own.handles
+    _own.handles = before if handle is None else (*before, handle)
     try:
         yield
     finally:
-        _held.handles = before
+        _own.handles = before
 
 
 def run_child(
@@ -154,7 +163,7 @@ def _run(
     progress: Callable[[], Any] | None = None,
     **options: Any,
 ) -> int | None:
-    if _stopped.is_set():
+    if _own.stopped():
         raise SimulatorError("interrupted", log)
     try:
         child = Child(command, environment, stdin=subprocess.DEVNULL, stderr=subprocess.STDOUT, **options)
@@ -163,13 +172,13 @@ def _run(
         raise SimulatorError(f"{Path(command[0]).name} cannot be started: {said}", log) from None
     code, late, until, timeout = None, False, time.monotonic() + limit_s, Timeout(limit_s)
     try:
-        while code is None and not late and not _stopped.is_set():
+        while code is None and not late and not _own.stopped():
             with contextlib.suppress(subprocess.TimeoutExpired):  # at its limit, the answer is None
                 code = child.wait(LOOK_S)
             late = timeout.over(progress()) if progress else time.monotonic() > until
     finally:
         child.end()
-    if _stopped.is_set():
+    if _own.stopped():
         raise SimulatorError("interrupted", log)
     return code
 
@@ -319,16 +328,20 @@ def held() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def threads(workers: int) -> Iterator[ThreadPoolExecutor]:
-    """Yield threads for `run_child`; Ctrl-C, SIGTERM or an error ends their children at once."""
-    pool = ThreadPoolExecutor(workers)
-    with ending():
+def stoppable(workers: int) -> Iterator[ThreadPoolExecutor]:
+    """Yield threads for `run_child`; an error ends their children at once."""
+    ends = (*_own.ends, threading.Event())
+    with ThreadPoolExecutor(workers, initializer=setattr, initargs=(_own, "ends", ends)) as pool:
         try:
             yield pool
         except BaseException:
-            _stopped.set()  # each ends its child at its next look
+            ends[-1].set()  # each ends its child at its next look
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-        finally:
-            pool.shutdown()
-            _stopped.clear()
+
+
+@contextlib.contextmanager
+def threads(workers: int) -> Iterator[ThreadPoolExecutor]:
+    """Yield threads for `run_child`; Ctrl-C, SIGTERM or an error ends their children at once."""
+    with ending(), stoppable(workers) as pool:
+        yield pool
