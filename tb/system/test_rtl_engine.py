@@ -6,7 +6,6 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -182,26 +181,10 @@ def test_models_that_do_not_compile_end_with_the_log(
         assert "mirror" in Path(caught.value.log).read_text()
 
 
-def frame(number: int = 1, **other: Any) -> spi_protocol.Frame:
-    """A frame of 2 x 2 taxels as the chip sends it."""
-    codes = np.array([[1, 2], [3, 4]], dtype=np.uint16)
-    said = {
-        "cols": 2,
-        "code_bits": 8,
-        "gate_clocks": 510,
-        "slots": (0, 1),
-        "codes": codes,
-        "overflow": codes > 4,
-    }
-    return spi_protocol.Frame(number, **{**said, **other})
-
-
-def line(data: bytes) -> str:
-    """Return the line that the host writes for a frame."""
-    return f"a5{len(data):04x}{data.hex()}\n"
-
-
-GOOD = line(spi_protocol.pack_frame(frame()))
+CODES = np.array([[1, 2], [3, 4]], dtype=np.uint16)
+FRAME = spi_protocol.pack_frame(spi_protocol.Frame(1, 2, 8, 510, (0, 1), CODES, CODES > 4))
+"""A frame of 2 x 2 taxels as the chip sends it; tb/model/test_read_out.py has what is wrong in others."""
+GOOD = f"a5{len(FRAME):04x}{FRAME.hex()}\n"
 BIT_LOST = GOOD.replace("0102", "0103")
 
 
@@ -220,9 +203,6 @@ def writes(text: str) -> str:
         (writes("e2\n"), "frame 0: the chip answers FRAME with e2"),
         (writes(GOOD[:-3] + "xx\n"), "is not a frame of the host protocol"),
         (writes(BIT_LOST), "frame 0: frame of 18 bytes: CRC"),
-        (writes(line(spi_protocol.pack_frame(frame(2)))), "handed over number 2 in place of 1"),
-        (writes(line(spi_protocol.pack_frame(frame(slots=(0, 2))))), "slots (0, 2) in place of (0, 1)"),
-        (writes(line(spi_protocol.pack_frame(frame(fault=True)))), "fault True in place of False"),
     ],
 )
 def test_a_bad_result_is_a_simulator_error(
