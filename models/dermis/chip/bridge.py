@@ -82,8 +82,6 @@ class Bridge:
     Parameters
     ----------
     dut : cocotb handle of dermis_top
-    timing : Timing
-    cols : number of columns
     sync_latch : the chip was built with the flip-flop + latch synchronizer
     rows : adjacent rows that the chip scans, written to its ROW_MASK before it is enabled; all by default
     ranges : range of each column, written to RANGE or RANGE_COLUMN before it is enabled; as reset by default
@@ -240,7 +238,7 @@ class _Host:
         self.frames: list[NDArray[np.uint16]] = []
         self._failure: SimulatorError | None = None
         self.frame_ps = 1e12 * timing.frame_s * len(rows) / timing.rows
-        bits = 8 * (16 + read_out.frame_bytes(timing, cols, len(rows)))
+        bits = 8 * (16 + spi_protocol.frame_bytes(len(rows), cols, timing.code_max.bit_length()))
         period_ps = min(SPI_CLOCKS * 1e12 / timing.f_clk_hz, SPI_SHARE * self.frame_ps / bits)
         self._period_ps = 2 * max(1, round(0.5 * period_ps))
 

@@ -201,11 +201,8 @@ def run_cocotb(
     Parameters
     ----------
     simulator, build, toplevel : as given to, and returned by, `build`
-    module : Python module with the test
+    module, testcase : Python module, and one test of it instead of all
     work : directory of the run; hdl.log and results.xml are left there
-    environment : variables for the test
-    testcase : one test of the module instead of all
-    limit_s : time limit of the simulator
     run : called in place of `children.run_logged`
 
     RuntimeError or SystemExit of cocotb's runner if the test failed; SimulatorError if the simulator did not start,

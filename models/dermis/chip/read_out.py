@@ -9,12 +9,6 @@ from dermis.errors import SimulatorError
 from dermis.timing import Timing
 
 
-def frame_bytes(timing: Timing, cols: int, rows: int | None = None) -> int:
-    """Bytes of a frame of some number of rows; of all by default."""
-    slots = timing.rows if rows is None else rows
-    return spi_protocol.frame_bytes(slots, cols, timing.code_max.bit_length())
-
-
 def codes_of_frame(
     data: bytes, frame: int, timing: Timing, cols: int, rows: range | None = None
 ) -> NDArray[np.uint16]:

@@ -28,11 +28,9 @@ from dermis.processes import cpu_time
 async def _frames(dut: Any, job_dir: Path) -> dict[str, Any]:
     job: Job = pickle.loads((job_dir / "job.pickle").read_bytes())
     timing = job.timing
-    # Steps and waveforms of the circuits: of the running scan, and of the scans before it.
-    kept: list[tuple[dict[str, int], Any]] = []
-    ended: list[tuple[dict[str, int], Any]] = []
+    ended: list[tuple[dict[str, int], Any]] = []  # steps and waveforms of circuits
     ways: dict[int, ladder.Climb] = {}
-    running: list[int] = []
+    way = ladder.Climb("no frame")  # of the running frame
     scanned: list[Any] = []
     workers = Workers()
 
@@ -47,12 +45,8 @@ async def _frames(dut: Any, job_dir: Path) -> dict[str, Any]:
             write_atomic(job_dir / f"{name}.cir", "\n".join(deck.lines) + "\n")
             decks[part] = deck
         options: dict[str, Any] = {"t_edge_s": job.solver.t_edge_s, "t_max_step_s": job.solver.t_max_step_s}
-        options |= {
-            "t_stop_s": bridge.analog_s(timing, len(block.rows)),
-            "record": job.record,
-            "level": level,
-        }
-        options["log"] = job_dir / "ngspice.log"
+        options |= {"log": job_dir / "ngspice.log", "record": job.record, "level": level}
+        options["t_stop_s"] = bridge.analog_s(timing, len(block.rows))
         if len(decks) == 1:
             half = NgspiceHalf(deck, **options)
             half.advance(0.0, [])
@@ -64,7 +58,7 @@ async def _frames(dut: Any, job_dir: Path) -> dict[str, Any]:
             raise
 
     def make_half(block: Block, levels: list[float]) -> Any:
-        running.append(block.frame)
+        nonlocal way
         for column, (wanted, found) in enumerate(zip(job.ranges, chip.ranges(), strict=False)):
             if found != wanted:
                 raise SimulatorError(f"range_o selects {found} in column {column}, not {wanted}")
@@ -76,7 +70,7 @@ async def _frames(dut: Any, job_dir: Path) -> dict[str, Any]:
         close = half.close
 
         def closed() -> None:
-            kept.append((half.statistics, half.waveform() if job.record else None))
+            ended.append((half.statistics, half.waveform() if job.record else None))
             close()
 
         half.close = closed
@@ -85,23 +79,21 @@ async def _frames(dut: Any, job_dir: Path) -> dict[str, Any]:
     progress = (job_dir / "progress").open("wb", buffering=0)
     on_slot = partial(progress.write, b".")  # a byte a slot
     for scan in job.scans:
+        before = len(ended)
         while True:
             options = {"sync_latch": job.sync_latch, "trace": job.record, "progress": on_slot}
             chip = bridge.Bridge(dut, timing, job.cols, rows=scan[0].rows, ranges=job.ranges, **options)
-            running.clear()
             try:
                 codes = await chip.run(len(scan), lambda at, levels, scan=scan: make_half(scan[at], levels))
                 break
             except ladder.Abort as abort:
                 # Once more from reset, with this frame on its next rung: what the Verilog did with the samples before
                 # the abort is not taken on, since on another rung they may be others.
-                ways[running[-1]].up(abort)
+                way.up(abort)
                 workers.close()
                 progress.truncate(progress.seek(sum(map(len, scanned))))
-                kept.clear()
+                del ended[before:]
         scanned.append(codes.reshape(-1, job.cols))
-        ended += kept
-        kept.clear()
     workers.close()
     result: dict[str, Any] = {
         "codes": np.concatenate(scanned),

@@ -262,7 +262,8 @@ def simulate(
     """Run the reader on work/currents.bin and return its codes, [frames, rows, cols]."""
     out, log, name = work / "frames.txt", work / "simulator.log", Path(command[0]).name
     out.unlink(missing_ok=True)
-    width = 2 * (ANSWER_BYTES + read_out.frame_bytes(plan.timing, plan.cols)) + 1
+    frame_bytes = spi_protocol.frame_bytes(plan.rows, plan.cols, plan.timing.code_max.bit_length())
+    width = 2 * (ANSWER_BYTES + frame_bytes) + 1
 
     def written() -> int:
         size = out.stat().st_size if out.exists() else 0

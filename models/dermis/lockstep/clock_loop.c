@@ -45,10 +45,8 @@ typedef unsigned long long tick_t;
 typedef int solve_t(double to, int n_edge, const int *source, const double *time, const double *level, double *sample,
                     double *low, double *high);
 
-/* What the loop is given and tells; clock_loop.py has the same fields. Time 0 of the half is `before` units ago; `base`
-   units last `base_s` seconds. Steps towards a crossing begin with first_step_s and are never over `step_s`; without a
-   clock the HDL is met every `idle` units. The loop ends after `end` events, 0: never. Rows in `kept`: time and the
-   first `samples` samples of an event; with `trace` then a number for each word of the nets, as they are after it. */
+/* What the loop is given and tells; clock_loop.py has the same fields, and ClockLoop.arm says what they mean. Rows in
+   `kept`: time and samples of an event, and with `trace` a number for each word of the nets, as they are after it. */
 struct {
     solve_t *solve;
     tick_t before, base, settle, idle;

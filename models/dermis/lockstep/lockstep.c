@@ -26,11 +26,8 @@
 #define MAX_SOURCES 1024 /* a 256 x 256 array has 513 */
 #define MAX_EDGES (4 * MAX_SOURCES)
 
-/* What `lockstep_open` takes, and from t_now and started on what it tells; ngspice.py has the same fields. It stays until
-   the next one. t_edges: how long edges of each source last. late: of each probe. abrupt: an edge switches a conductance:
-   integration restarts with backward Euler behind it. growth: largest step in the time since the last corner; a tenth of
-   t_edge is always allowed; 0: no such limit. own_steps: no step is longer than ngspice asks for: Gear's formula
-   integrates, or ngspice has other breakpoints. said: all text from ngspice. record: rows of a time and all probes. */
+/* What `lockstep_open` takes, and from t_now and started on what it tells; ngspice.py has the same fields, and Deck there
+   says what they mean. It stays until the next one. said: all text from ngspice. record: rows of a time and all probes. */
 struct circuit {
     const char *log_path, **source_names, **probe_names;
     const double *levels, *t_edges, *late;
@@ -67,7 +64,6 @@ static struct lockstep {
     double probe[MAX_SOURCES], due[MAX_SOURCES]; /* and the time of its next sample */
     double *samples, *low, *high; /* of the last advance, the extremes since it began */
 
-    bool sampled; /* the probes have had a value; with initial conditions there is none at time 0 */
     bool poisoned; /* sources are NaN, so that ngspice gives up */
     bool waiting;  /* ngspice is in a transient and its caller has control */
 
@@ -281,7 +277,7 @@ static int on_data(pvecvaluesall all, int count, int id, void *user)
     double t = 0.0;
     if (ls.state != RUNNING || ls.poisoned)
         return 0;
-    of->started = ls.sampled = true;
+    of->started = true;
     for (int v = 0; v < all->veccount; v++)
         if (all->vecsa[v]->is_scale)
             t = all->vecsa[v]->creal;
@@ -411,8 +407,8 @@ static int run_to(double to)
     for (int i = 0; i < of->n_source; i++)
         if (!ls.source[i].asked)
             return wrong_name(of->source_names[i]);
-    for (int p = 0; p < of->n_probe; p++)
-        if (ls.sampled && !isfinite(ls.probe[p])) {
+    for (int p = 0; p < of->n_probe && (to > 0.0 || !of->use_ic); p++) /* else there is no sample yet */
+        if (!isfinite(ls.probe[p])) {
             char what[128];
             snprintf(what, sizeof what, "a sample is no number: node \"%.63s\" is %g", of->probe_names[p], ls.probe[p]);
             return give_up(what);

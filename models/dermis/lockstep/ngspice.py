@@ -151,7 +151,6 @@ class NgspiceHalf:
 
     Parameters
     ----------
-    deck : Deck
     t_edge_s : rise and fall time of every source, if the deck asks for no less; its corners become time points of the
         solution
     t_max_step_s : largest time step
@@ -162,15 +161,9 @@ class NgspiceHalf:
         `advance(0.0, [])` returns NaN then
     level : how ngspice starts and steps
 
-    Raises
-    ------
-    InputError
-        A line of `netlist_faults.refuse`; in `advance`, a probe that is no node, or a source that is not external.
-    SimulatorError
-        ngspice refuses the deck.
-    ladder.Abort
-        It finds no operating point, stops on its way, or a sample is no number; with the time, the node and ngspice's
-        complaint. The process can have another circuit, on another rung.
+    InputError for a line of `netlist_faults.refuse`, and in `advance` for a probe that is no node, or a source that is
+    not external; SimulatorError if ngspice refuses the deck; ladder.Abort, after which the process can have another
+    circuit, if it finds no operating point, stops on its way, or a sample is no number.
     """
 
     def __init__(

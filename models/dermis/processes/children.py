@@ -147,7 +147,7 @@ def run_child(
     log : file that its output is added to
     limit_s : seconds until it is ended with all that it started
     environment : variables added to those of this process
-    progress : called until it ends; the limit is then a `Timeout` without a change of its answer
+    progress : called until it ends; each change of its answer starts the limit anew (`Timeout`)
 
     SimulatorError if it cannot be started, or `threads` is ending.
     """
@@ -170,12 +170,12 @@ def _run(
     except OSError as error:
         said = error.strerror or str(error)
         raise SimulatorError(f"{Path(command[0]).name} cannot be started: {said}", log) from None
-    code, late, until, timeout = None, False, time.monotonic() + limit_s, Timeout(limit_s)
+    code, late, timeout = None, False, Timeout(limit_s)
     try:
         while code is None and not late and not _own.stopped():
             with contextlib.suppress(subprocess.TimeoutExpired):  # at its limit, the answer is None
                 code = child.wait(LOOK_S)
-            late = timeout.over(progress()) if progress else time.monotonic() > until
+            late = timeout.over(progress() if progress else None)
     finally:
         child.end()
     if _own.stopped():
