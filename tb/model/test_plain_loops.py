@@ -51,5 +51,5 @@ def test_an_input_charge_that_is_no_number_is_an_error_behind_every_clip(name: s
     slots = course.Slots(plan, slice(0, 2))
     slots.terms[1, 0, 5] = np.nan
     with pytest.raises(SimulatorError, match="input charge of row 1"):
-        for _ in slots.blocks(128):
+        for _ in slots.blocks():
             pass

@@ -11,7 +11,7 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from dermis.array.array import Network, column_currents_by_source
 from dermis.converter import injection, ripple
 from dermis.converter.coupling import Coupling, DutyRange, couples, coupling
-from dermis.converter.ripple import GateCurrents
 from dermis.converter.vfc import X_INFINITE, Y_MIN
 from dermis.errors import InputError, SimulatorError
 from dermis.ndarrays import Floats
@@ -45,28 +44,29 @@ _OPEN_OHM = 1e30
 _COURSE_MISS = 1e-4
 
 
-def currents(network: Network, g: Floats) -> tuple[Floats, Floats]:
-    """Return column currents of frames as (part proportional to the bias, part of offsets and leaks)."""
+def currents(network: Network, g: Floats) -> Floats:
+    """Return column currents of frames, the part proportional to the bias and that of offsets and leaks, [2, ...]."""
     follows, rest = column_currents_by_source(network, g)
-    return follows, np.zeros_like(follows) if rest is None else rest
+    return np.stack([follows, np.zeros_like(follows) if rest is None else rest])
 
 
 def solve_gate(
-    plan: Plan, part: slice, idle: bool = False, frames: NDArray[np.intp] | None = None
-) -> GateCurrents:
+    plan: Plan, part: slice, idle: bool = False, frames: NDArray[np.intp] | slice = slice(None)
+) -> Floats:
     """Solve some frames of a plan; with motion at the beginning, in the middle and at the end of each row's gate.
 
-    `idle` asks for what `rest` would be if no row were driven. With `frames`, numbers within `part`, only these are
-    solved.
+    `idle` asks for what the second part would be if no row were driven. With `frames`, numbers within `part`, only
+    these are solved.
+
+    Returns column currents in ampere, [2, instants, frames, rows, cols]: the part that goes with the bias and the rest,
+    where a gate begins; with motion also where it ends; where that does not go straight also what they are in the
+    middle beyond the mean of both.
     """
-    network, g = plan.network(0), plan.conductance_s(part)
-    if frames is not None:
-        g = g[frames]
+    network, g = plan.network(0), plan.conductance_s(part)[frames]
     if idle:
         network = dataclasses.replace(network, r_row_driven_ohm=min(network.r_row_grounded_ohm, _OPEN_OHM))
     if not plan.drive.motion:
-        follows, rest = currents(network, g)
-        return GateCurrents(follows, follows, rest, rest)
+        return currents(network, g)[:, np.newaxis]
     timing = plan.timing
     slot = np.arange(plan.rows) * timing.slot_clocks + timing.settle_clocks
     at = np.concatenate([slot, slot + timing.gate_clocks, slot + timing.gate_clocks / 2])
@@ -76,22 +76,29 @@ def solve_gate(
     if abs(clocks - round(clocks)) <= 1e-9 * clocks:
         clocks = float(round(clocks))
     at = np.minimum(at / clocks, 1.0)
-    later = plan.next_conductance_s(part)
-    now, then = np.minimum(g, _G_SHORT_S), np.minimum(later if frames is None else later[frames], _G_SHORT_S)
+    now, then = (np.minimum(v, _G_SHORT_S) for v in (g, plan.next_conductance_s(part)[frames]))
     if not network.active_fields():
-        share = at.reshape(3, 1, plan.rows, 1)
-        follows = plan.v_bias_v * _between(now, then, share)
-        return GateCurrents(follows[0], follows[1], np.zeros_like(now), np.zeros_like(now))
+        follows = plan.v_bias_v * _between(now, then, at.reshape(3, 1, plan.rows, 1)[:2])
+        return np.stack([follows, np.zeros_like(follows)])
     unit_a = float((plan.converter.k * plan.converter.i0_a).min())
-    follows, rest = _through_frame(network, now, then, at, _COURSE_MISS * unit_a)
-    bends = (part[2] - 0.5 * (part[0] + part[1]) for part in (follows, rest))
-    return GateCurrents(follows[0], follows[1], rest[0], rest[1], *bends)
+    found = _through_frame(network, now, then, at, _COURSE_MISS * unit_a)
+    found[:, 2] -= 0.5 * (found[:, 0] + found[:, 1])
+    return found
 
 
-def _through_frame(
-    network: Network, now: Floats, then: Floats, at: Floats, error_a: float
-) -> tuple[Floats, Floats]:
-    """Currents of each row at its own instants, [instants, frames, rows, cols], by a polynomial in time through
+def idle_currents(
+    plan: Plan, part: slice, gate_currents: Floats, frames: NDArray[np.intp] | slice = slice(None)
+) -> Floats:
+    """Return what `gate_currents` of `part` would be if no row were driven, in some of its frames; 0 in others."""
+    network, found = plan.network(0), np.zeros_like(gate_currents)
+    same = network.r_row_driven_ohm == network.r_row_grounded_ohm
+    alone = gate_currents[:, :, frames] if same else solve_gate(plan, part, idle=True, frames=frames)
+    found[1][:, frames] = alone[1]
+    return found
+
+
+def _through_frame(network: Network, now: Floats, then: Floats, at: Floats, error_a: float) -> Floats:
+    """Currents of each row at its own instants, [2, instants, frames, rows, cols], by a polynomial in time through
     as few solved networks as it takes.
 
     Row r alone is read at its instant, so solving whole frames for each row would cost rows times as much. The
@@ -102,16 +109,15 @@ def _through_frame(
     frames, rows = now.shape[:2]
     out = np.empty((2, at.size // rows, *now.shape))
     waiting = np.arange(frames)
-    solved: dict[float, tuple[Floats, Floats]] = {}
+    solved: dict[float, Floats] = {}
 
-    def solve(share: float) -> tuple[Floats, Floats]:
+    def solve(share: float) -> Floats:
         if share not in solved:
             here, there = now[waiting], then[waiting]
             if share == 1.0 and 0.0 in solved and (here[1:] == there[:-1]).all():
                 # A frame ends where the next one begins.
                 last = currents(network, there[-1:])
-                both = zip(solved[0.0], last, strict=True)
-                solved[share] = tuple(np.concatenate([begin[1:], end]) for begin, end in both)
+                solved[share] = np.concatenate([solved[0.0][:, 1:], last], axis=1)
             else:
                 solved[share] = currents(network, _between(here, there, share))
         return solved[share]
@@ -127,19 +133,16 @@ def _through_frame(
         if met.any():
             fine = _instants(2 * count - 1)
             weight = _polynomial(2 * count - 1, at).reshape(-1, 1, rows, 1, fine.size)
-            for part in range(2):
-                out[part][:, waiting[met]] = sum(
-                    weight[..., k] * solve(p)[part][met] for k, p in enumerate(fine)
-                )
+            found = (weight[..., k] * solve(p)[:, np.newaxis, met] for k, p in enumerate(fine))
+            out[:, :, waiting[met]] = sum(found)
         waiting = waiting[~met]
         if not waiting.size:
-            return out[0], out[1]
-        solved = {share: (follows[~met], rest[~met]) for share, (follows, rest) in solved.items()}
+            return out
+        solved = {share: found[:, ~met] for share, found in solved.items()}
     for k, share in enumerate(at):
         found = currents(network, _between(now[waiting], then[waiting], share))
-        for into, values in zip(out, found, strict=True):
-            into[k // rows, waiting, k % rows] = values[:, k % rows]
-    return out[0], out[1]
+        out[:, k // rows, waiting, k % rows] = found[:, :, k % rows]
+    return out
 
 
 def _between(now: Floats, then: Floats, share: float | Floats) -> Floats:
@@ -162,75 +165,84 @@ def _polynomial(count: int, where: Floats) -> Floats:
     return weight
 
 
-def _terms(
-    drive: Drive, gate_currents: GateCurrents, sine: Floats, cosine: Floats, limit_a: Floats
-) -> list[Floats]:
-    """Coefficients of `_basis` in ampere, each shaped as the currents."""
-
-    def finite(current: Floats) -> Floats:
-        return np.minimum(np.maximum(current, -limit_a), limit_a)
-
-    with np.errstate(over="ignore"):
-        follows = finite(gate_currents.follows_begin)
-        terms = [follows + finite(gate_currents.rest_begin)]
-        if drive.ripple:
-            terms += [follows * sine, follows * cosine]
-        if drive.motion:
-            moves = finite(gate_currents.follows_end) - follows
-            terms += [moves + finite(gate_currents.rest_end) - finite(gate_currents.rest_begin)]
-            if drive.ripple:
-                terms += [moves * sine, moves * cosine]
-        if gate_currents.follows_bend is not None:
-            bend = 4.0 * finite(gate_currents.follows_bend)
-            terms += [bend + 4.0 * finite(gate_currents.rest_bend)]
-            if drive.ripple:
-                terms += [bend * sine, bend * cosine]
-    return terms
-
-
-def _idle_terms(found: GateCurrents, drive: Drive, limit_a: Floats, count: int) -> list[Floats]:
-    """Coefficients of `_basis` while no row is driven."""
-    each = 3 if drive.ripple else 1
-    idle = [np.zeros(found.rest_begin.shape) for _ in range(count)]
-    idle[0] = np.clip(found.rest_begin, -limit_a, limit_a)
-    if drive.motion:
-        idle[each] = np.clip(found.rest_end, -limit_a, limit_a) - idle[0]
-    if found.rest_bend is not None:
-        idle[2 * each] = 4.0 * np.clip(found.rest_bend, -limit_a, limit_a)
-    return idle
-
-
-def _at(gate_currents: GateCurrents, *cells: NDArray[np.intp]) -> GateCurrents:
-    """The currents of chosen cells."""
-    parts = (getattr(gate_currents, part.name) for part in dataclasses.fields(GateCurrents))
-    return GateCurrents(*(None if part is None else part[cells] for part in parts))
+def _terms(drive: Drive, gate_currents: Floats, phase: Floats, limit_a: Floats, per_a: Floats) -> Floats:
+    """Coefficients of `_basis` in packets a clock, [rows, terms, ...], of currents [2, instants, rows, ...]."""
+    finite = np.clip(gate_currents, -limit_a, limit_a)
+    begin, end, bend = finite[:, :1], finite[:, 1:2], finite[:, 2:]
+    sine, cosine = drive.ripple * np.sin(phase), drive.ripple * np.cos(phase)
+    terms = []
+    for follows, rest in np.concatenate([begin, end - begin, 4.0 * bend], axis=1).swapaxes(0, 1):
+        terms += [follows + rest, follows * sine, follows * cosine] if drive.ripple else [follows + rest]
+    return np.stack(terms, axis=1) * per_a
 
 
 def phases(plan: Plan, part: slice) -> Floats:
-    """Phase of the ripple where every slot begins, [frames, rows] in radian."""
+    """Phase of the ripple where every slot begins, [frames, rows] in radian; 0 without one."""
     timing, drive = plan.timing, plan.drive
+    if not drive.ripple:
+        return np.zeros((part.stop - part.start, plan.rows))
     begins = range(0, plan.rows * timing.slot_clocks, timing.slot_clocks)
     frames = range(plan.first_frame + part.start, plan.first_frame + part.stop)
     turns = drive.turns_at(frames, begins, timing.f_clk_hz)
     return 2.0 * math.pi * turns + drive.phase_ripple_rad
 
 
-def _columns(plan: Plan) -> tuple[Floats, Floats, Floats | None, Floats | None]:
-    """Packets a clock for 1 A, largest current, `squeeze` and `lag` of `charges`, [cols] each."""
+class Basis(NamedTuple):
+    """Functions of time: `mean` over every clock of a slot [clocks, terms], value where its row is driven (`begin`
+    [terms]), `pause` clocks into the slot; the gate begins at `settle`.
+    """
+
+    mean: Floats
+    begin: Floats
+    pause: int
+    settle: int
+
+
+def _columns(plan: Plan, col: NDArray[np.intp]) -> tuple[Any, ...]:
+    """Of cells in these columns [n]: packets a clock for 1 A, largest current, offset current in packets a clock,
+    `squeeze`, `lag` and `most` of `charges`, [n] each.
+    """
     c = plan.converter
     unit_a = c.k * c.i0_a
     squeeze = lag = None
     if c.inv_i_range_a.any() and c.gain.all():
-        squeeze = c.inv_i_range_a * np.abs(unit_a / c.gain)
+        squeeze = (c.inv_i_range_a * np.abs(unit_a / c.gain))[col]
     if c.q_mirror_c.any():
-        lag = np.maximum(c.q_mirror_c / (c.i0_a / plan.timing.f_clk_hz), 1e-15)
-    return c.gain / unit_a, X_INFINITE * unit_a, squeeze, lag
+        lag = np.maximum(c.q_mirror_c / (c.i0_a / plan.timing.f_clk_hz), 1e-15)[col]
+    always = c.gain / unit_a, X_INFINITE * unit_a, c.i_offset_a / c.i0_a, c.saturating_duty()
+    per_a, limit_a, offset, most = (values[col] for values in always)
+    return per_a, limit_a, offset, squeeze, lag, most
+
+
+def _blocks(
+    basis: Basis,
+    terms: Floats,
+    idle: Floats | None,
+    offset: Floats,
+    columns: tuple[Floats | None, Floats | None, Floats],
+    slow: Floats | None,
+    first_row: int = 0,
+) -> Iterator[tuple[int, slice, Floats, Floats]]:
+    """(row, its cells, charge [clocks, cells], mean) by `charges`, row after row of every WIDEST cells; the arrays
+    are used again. `columns` are `squeeze`, `lag` and `most`.
+    """
+    rows, _, cells = terms.shape
+    squeeze, lag, most = columns
+    scratch, mean = np.empty((len(basis.mean), min(WIDEST, cells))), np.empty(cells)
+    for first in range(0, cells, WIDEST):
+        block = slice(first, min(first + WIDEST, cells))
+        out = scratch[:, : block.stop - first]
+        if out.shape[1] != scratch.shape[1]:
+            out = np.empty(out.shape)
+        for row in range(first_row, rows):
+            charge = charges(row, first, basis, terms, squeeze, lag, slow, idle, offset, most, out, mean)
+            yield row, block, charge, mean[block]
 
 
 def charges_of(
     plan: Plan,
-    gate_currents: GateCurrents,
-    idle: GateCurrents | None,
+    gate_currents: Floats,
+    idle: Floats | None,
     phase: Floats,
     output: Floats | None,
     cells: tuple[NDArray[np.intp], ...],
@@ -241,7 +253,7 @@ def charges_of(
     Parameters
     ----------
     plan : without coupled columns
-    gate_currents, idle : GateCurrents
+    gate_currents, idle : of `solve_gate` and `idle_currents`
         Of the frames that `cells` counts in; `idle` where a slow mirror sees a current while no row is driven.
     phase : [frames, rows] of the ripple
     output : [frames, rows, cols] output of slow mirrors at the end of each slot, or None
@@ -252,40 +264,29 @@ def charges_of(
     ------
     slice of `cells`, charge [clocks, cells], mean [cells]; the arrays are used again.
     """
-    converter, drive = plan.converter, plan.drive
     basis = _basis_of(plan, gate_currents)
-    per_a, limit_a, squeeze, lag = _columns(plan)
-    scratch = np.empty((len(basis.mean), WIDEST))
-    offset, most = converter.i_offset_a / converter.i0_a, converter.saturating_duty()
+    per_a, limit_a, offset, *columns = _columns(plan, cells[2])
+    lag = columns[1]
     kinds = 2 * depth + ((depth == cells[1]) | (lag is None))  # begins with the frame, or remembers nothing
     edges = [0, *(np.flatnonzero(kinds[1:] != kinds[:-1]) + 1).tolist(), kinds.size]
     for begins, ends in itertools.pairwise(edges):
         deep, from_start = divmod(int(kinds[begins]), 2)
         f, row, c = (index[begins:ends] for index in cells)
         r = np.maximum(row + np.arange(-deep if from_start else -deep - 1, 1)[:, None], 0)
-        sine, cosine = drive.ripple * np.sin(phase[f, r]), drive.ripple * np.cos(phase[f, r])
-        parts = _terms(drive, _at(gate_currents, f, r, c), sine, cosine, limit_a[c])
-        terms = np.empty((r.shape[0], len(parts), c.size))
-        for k, part in enumerate(parts):
-            terms[:, k] = part * per_a[c]
-        resting = slow = None
-        if idle is not None:
-            parts = _idle_terms(_at(idle, f, r, c), drive, limit_a[c], terms.shape[1])
-            resting = np.stack(parts, axis=1) * per_a[c]
+        waves = phase[f, r], limit_a[begins:ends], per_a[begins:ends]
+        terms, resting = (
+            None if currents is None else _terms(plan.drive, currents[:, :, f, r, c], *waves)
+            for currents in (gate_currents, idle)
+        )
+        slow = None
         if lag is not None:
             slow = np.zeros(c.size) if from_start else output[f, r[0], c]
-        offsets, mean = np.full(r.shape, offset[c]), np.empty(c.size)
-        for at in range(0, c.size, WIDEST):
-            out = scratch[:, : c.size - at]
-            if out.shape[1] != WIDEST:
-                out = np.empty(out.shape)
-            for k in range(0 if from_start else 1, r.shape[0]):
-                charge = charges(
-                    k, at, basis, terms, None if squeeze is None else squeeze[c], None if lag is None else lag[c],
-                    slow, resting, offsets, most[c], out, mean,
-                )  # fmt: skip
-            block = slice(begins + at, begins + at + out.shape[1])
-            yield block, charge, mean[at : at + out.shape[1]]
+        own = tuple(None if of is None else of[begins:ends] for of in columns)
+        offsets = np.full(r.shape, offset[begins:ends])
+        blocks = _blocks(basis, terms, resting, offsets, own, slow, 1 - from_start)
+        for k, block, charge, mean in blocks:
+            if k == len(r) - 1:
+                yield slice(begins + block.start, begins + block.stop), charge, mean
 
 
 def has_idle_current(plan: Plan) -> bool:
@@ -323,47 +324,34 @@ class Slots:
     idle : such coefficients while no row is driven, where that matters and is not nothing, or None
     offset : added behind compression and mirror, packets a clock, [rows, frames * cols]
     coupling : of the columns of the direct interface, or None
-    mean : charge a clock, mean over the gate, [frames, rows, cols] in packets; complete behind the last row
     """
 
     def __init__(self, plan: Plan, part: slice) -> None:
-        converter, drive = plan.converter, plan.drive
-        gate_currents = solve_gate(plan, part)
+        drive, gate_currents = plan.drive, solve_gate(plan, part)
         if drive.ripple:
             ripple.check(plan, gate_currents)
-        self.frames, self.rows, self.cols = gate_currents.follows_begin.shape
-        self.coupling: Coupling | None = None
-        cells = self.frames * self.cols
+        self.frames, self.rows, self.cols = gate_currents.shape[2:]
         self.basis = _basis_of(plan, gate_currents)
-        phase = phases(plan, part) if drive.ripple else np.zeros((self.frames, self.rows))
-        sine, cosine = drive.ripple * np.sin(phase)[:, :, None], drive.ripple * np.cos(phase)[:, :, None]
+        phase, each = phases(plan, part).T[:, :, np.newaxis], (self.frames, self.cols)
+        columns = np.tile(np.arange(self.cols), self.frames)
+        per_a, limit_a, offset, *self._columns = _columns(plan, columns)
 
-        per_a, limit_a, squeeze, lag = _columns(plan)
-        terms = _terms(drive, gate_currents, sine, cosine, limit_a)
-        # [rows, terms, frames and cols]
-        self.terms = np.ascontiguousarray(
-            np.stack([t * per_a for t in terms]).transpose(2, 0, 1, 3).reshape(self.rows, len(terms), cells)
-        )
-        self.offset = np.tile(converter.i_offset_a / converter.i0_a, (self.rows, self.frames))
+        def terms_of(currents: Floats) -> Floats:
+            by_row = currents.swapaxes(2, 3)
+            terms = _terms(drive, by_row, phase, limit_a.reshape(each), per_a.reshape(each))
+            return terms.reshape(self.rows, -1, columns.size)
+
+        self.terms, self.offset = terms_of(gate_currents), np.tile(offset, (self.rows, 1))
+        self.coupling: Coupling | None = None
         if couples(plan):
             behind = plan.next_conductance_s(part) if drive.motion else None
             mean, duty_range = self._duty_range(behind)
             self.coupling = coupling(plan, plan.conductance_s(part), mean, duty_range)
             if self.coupling is not None:
                 self.offset = self.offset + self.coupling.x.transpose(1, 0, 2).reshape(self.rows, -1)
-        self._most = np.tile(converter.saturating_duty(), self.frames)
-        self._squeeze = None if squeeze is None else np.tile(squeeze, self.frames)
-        self._lag = self._slow = None
-        if lag is not None:
-            self._lag, self._slow = np.tile(lag, self.frames), np.zeros(cells)
         self.idle = None
         if has_idle_current(plan):
-            network = plan.network(0)
-            same = network.r_row_driven_ohm == network.r_row_grounded_ohm
-            self.idle = self._idle(
-                gate_currents if same else solve_gate(plan, part, idle=True), drive, per_a, limit_a
-            )
-        self.mean = np.empty((self.frames, self.rows, self.cols))
+            self.idle = terms_of(idle_currents(plan, part, gate_currents))
 
     def _duty_range(self, g_behind: Floats | None) -> tuple[Floats, DutyRange]:
         """Return the mean duties over the gate, [frames, rows, cols], and their range, before compression."""
@@ -377,55 +365,28 @@ class Slots:
 
         return duty(means), DutyRange(duty(np.minimum(*ends)), duty(np.maximum(*ends)), g_behind)
 
-    def _idle(self, found: GateCurrents, drive: Drive, per_a: Floats, limit_a: Floats) -> Floats:
-        idle = np.stack(_idle_terms(found, drive, limit_a, self.terms.shape[1]))
+    def blocks(self) -> Iterator[tuple[slice, Floats, Floats]]:
+        """(cells, charge [clocks, cells], mean [cells]), cells counted row after row; the arrays are used again."""
         cells = self.frames * self.cols
-        return np.ascontiguousarray((idle * per_a).transpose(2, 0, 1, 3).reshape(self.rows, -1, cells))
-
-    def blocks(self, size: int) -> Iterator[tuple[int, slice, Floats, Floats]]:
-        """(row, its cells, charge [clocks, cells], mean) in the order of time; the array is used again."""
-        cells = self.frames * self.cols
-        scratch = np.empty((len(self.basis.mean), min(size, cells)))
-        mean = np.empty(cells)
-        for row in range(self.rows):
-            for first in range(0, cells, size):
-                block = slice(first, min(first + size, cells))
-                out = scratch[:, : block.stop - first]
-                if out.shape[1] != scratch.shape[1]:
-                    out = np.empty(out.shape)
-                charge = charges(
-                    row, block.start, self.basis, self.terms, self._squeeze, self._lag, self._slow, self.idle,
-                    self.offset, self._most, out, mean,
-                )  # fmt: skip
-                # `charges` divides by currents and clips: a clip keeps NaN, so the mean shows every NaN.
-                if not np.isfinite(mean[block]).all():
-                    raise SimulatorError(f"the input charge of row {row} is not a finite number")
-                yield row, block, charge, mean[block]
-            self.mean[:, row] = mean.reshape(self.frames, self.cols)
+        slow = None if self._columns[1] is None else np.zeros(cells)
+        for row, block, charge, mean in _blocks(
+            self.basis, self.terms, self.idle, self.offset, self._columns, slow
+        ):
+            # `charges` divides by currents and clips: a clip keeps NaN, so the mean shows every NaN.
+            if not np.isfinite(mean).all():
+                raise SimulatorError(f"the input charge of row {row} is not a finite number")
+            yield slice(row * cells + block.start, row * cells + block.stop), charge, mean
 
 
-class Basis(NamedTuple):
-    """Functions of time: `mean` over every clock of a slot [clocks, terms], value where its row is driven (`begin`
-    [terms]), `pause` clocks into the slot; the gate begins at `settle`.
-    """
-
-    mean: Floats
-    begin: Floats
-    pause: int
-    settle: int
-
-
-def _basis_of(plan: Plan, gate_currents: GateCurrents) -> Basis:
+def _basis_of(plan: Plan, gate_currents: Floats) -> Basis:
     timing, drive = plan.timing, plan.drive
     omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
     clocks = timing.break_clocks, timing.settle_clocks, timing.gate_clocks
-    return _basis(*clocks, omega, bool(drive.ripple), drive.motion, gate_currents.follows_bend is not None)
+    return _basis(*clocks, omega, bool(drive.ripple), gate_currents.shape[1])
 
 
 @functools.lru_cache(maxsize=8)
-def _basis(
-    pause: int, settle: int, gate: int, omega: float, ripple: bool, motion: bool, bends: bool
-) -> Basis:
+def _basis(pause: int, settle: int, gate: int, omega: float, ripple: bool, instants: int) -> Basis:
     """Return the functions of time of a slot.
 
     1, cos, sin, t, t cos, t sin, b, b cos, b sin, as far as they are on, b = t (1 - t); omega in radian a
@@ -433,31 +394,29 @@ def _basis(
     """
     middle = np.arange(settle + gate) + 0.5
     ramp, ramp_begin = (middle - settle) / gate, (pause - settle) / gate
-    cosine_begin, sine_begin = math.cos(omega * pause), math.sin(omega * pause)
     half = 0.5 * omega
     mean = math.sin(half) / half if half else 1.0  # of a cosine over one clock, relative to its middle
     # integral of u sin(omega u) over -1/2..1/2, small omega without the difference of two near equals
     tilt = 2.0 * (math.sin(half) - half * math.cos(half)) / omega**2 if omega > 1e-3 else omega / 12.0
     cosine, sine = np.cos(omega * middle), np.sin(omega * middle)
-    terms, begin = [np.ones_like(middle)], [1.0]
-    if ripple:
-        terms, begin = [*terms, cosine * mean, sine * mean], [*begin, cosine_begin, sine_begin]
-    if motion:
-        terms, begin = [*terms, ramp], [*begin, ramp_begin]
-        if ripple:
-            terms += [ramp * cosine * mean - sine * tilt / gate, ramp * sine * mean + cosine * tilt / gate]
-            begin += [ramp_begin * cosine_begin, ramp_begin * sine_begin]
-    if bends:
-        # t = m + u: b is m (1 - m) + (1 - 2 m) u - u^2, and u^2 has a mean of 1 / 12 over a clock
-        middle_bend, tilted, own = ramp * (1.0 - ramp), (1.0 - 2.0 * ramp) / gate, 1.0 / (12.0 * gate**2)
-        bend_begin = ramp_begin * (1.0 - ramp_begin)
-        terms, begin = [*terms, middle_bend - own], [*begin, bend_begin]
+    # Mean over a clock, slope there, value where the row is driven.
+    # t = m + u: b is m (1 - m) + (1 - 2 m) u - u^2, and u^2 has a mean of 1 / 12 over a clock
+    bend = ramp * (1.0 - ramp) - 1.0 / (12.0 * gate**2)
+    shapes = [
+        (np.ones_like(middle), 0.0, 1.0),
+        (ramp, 1.0 / gate, ramp_begin),
+        (bend, (1.0 - 2.0 * ramp) / gate, ramp_begin * (1.0 - ramp_begin)),
+    ]
+    terms, begin = [], []
+    for level, slope, at_begin in shapes[:instants]:
+        terms.append(level)
+        begin.append(at_begin)
         if ripple:
             terms += [
-                (middle_bend - own) * cosine * mean - tilted * sine * tilt,
-                (middle_bend - own) * sine * mean + tilted * cosine * tilt,
+                level * cosine * mean - slope * sine * tilt,
+                level * sine * mean + slope * cosine * tilt,
             ]
-            begin += [bend_begin * cosine_begin, bend_begin * sine_begin]
+            begin += [at_begin * math.cos(omega * pause), at_begin * math.sin(omega * pause)]
     found = Basis(np.stack(terms, axis=1), np.array(begin), pause, settle)
     for values in found[:2]:
         values.flags.writeable = False

@@ -230,11 +230,10 @@ def _last(gate, table, g_column, mean, doubt, low, held, c, key):  # type: ignor
     return end + own, max(above + sample - own, 0.0) + lost + 2.0 * largest * doubt / most
 
 
-class Run(namedtuple("Run", "currents ends bends g_column idle swing_sum apart_lsb seed first")):
+class Run(namedtuple("Run", "currents g_column idle swing_sum apart_lsb seed first")):
     """Input of `decide_cells`, the same for all of its cells or an array over them.
 
-    Of the column currents [frames, rows, cols] the part that follows the bias and the rest, two arrays each: `currents`
-    where the gate begins, with motion also the `ends` and the `bends`. `g_column`, `idle` [frames, cols] conductance on
+    `currents` are those of `course.solve_gate`. `g_column`, `idle` [frames, cols] conductance on
     each column, and most of a settled mirror while no row is driven. `swing_sum` [frames, rows] sum of the sine of the
     ripple over the gate. `apart_lsb` [cols] packets by which levels may differ for a reason outside the model. `seed`
     of the random numbers, and the number of frame 0 in the whole run (`first`).
@@ -251,20 +250,25 @@ START, BEFORE, DURING, INVERSE, BEGIN, END, INPUTS = range(5, 26, 3)
 
 
 @_part
+def _finite(table, run, part, instant, f, r, c):  # type: ignore
+    """Current of a cell, an infinite one as a large one."""
+    top = table[of.TOP, c]
+    return min(max(run.currents[part, instant, f, r, c], -top), top)
+
+
+@_part
 def _inputs_of_row(gate, table, run, row, f, r, passed):  # type: ignore
     """Fill the inputs of `row`, and `passed` of Solved."""
     # Start of the slot's settling in gates: motion goes on straight there, out of the range that it has in the gate.
     ahead, per_clock = (gate.settle - gate.pause) / gate.clocks, 1.0 / gate.clocks
     for c in range(row.shape[1]):
-        top = table[of.TOP, c]
-        driven = later = min(max(run.currents[0][f, r, c], -top), top)
-        other = other_later = min(max(run.currents[1][f, r, c], -top), top)
+        driven = later = _finite(table, run, 0, 0, f, r, c)
+        other = other_later = _finite(table, run, 1, 0, f, r, c)
         bend = other_bend = 0.0
         if gate.motion:
-            later = min(max(run.ends[0][f, r, c], -top), top)
-            other_later = min(max(run.ends[1][f, r, c], -top), top)
-            bend = min(max(run.bends[0][f, r, c], -top), top)
-            other_bend = min(max(run.bends[1][f, r, c], -top), top)
+            later, other_later = _finite(table, run, 0, 1, f, r, c), _finite(table, run, 1, 1, f, r, c)
+        if run.currents.shape[1] > 2:
+            bend, other_bend = _finite(table, run, 0, 2, f, r, c), _finite(table, run, 1, 2, f, r, c)
         given = _slot_input(
             gate, ahead, table[of.PER_A, c], table[of.SQUEEZE, c], driven, later, bend, other, other_later, other_bend
         )  # fmt: skip
@@ -387,7 +391,7 @@ def decide_cells(gate, on, table, run, out, tally, ratios):  # type: ignore
     on : [bounds.COUNT], factor on each bound; 0 is off
     table : [25, cols], bounds.columns
     """
-    frames, rows, cols = run.currents[0].shape
+    frames, rows, cols = run.currents.shape[2:]
     row, still, kappas = np.empty((INPUTS, cols)), np.zeros(cols), np.maximum(table[of.KAPPA], _KAPPA_MIN)
     sampled = drawn = number = 0
     for f in range(frames):

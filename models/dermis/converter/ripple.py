@@ -1,33 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Currents of a gate, and what their ripple does within a clock beyond its mean: a bound, since engine event uses means
-(converter.course).
-"""
+"""What a ripple does within a clock beyond its mean: a bound, since engine event uses means (converter.course)."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from dermis.converter.vfc import X_INFINITE
 from dermis.ndarrays import Floats
 from dermis.records import Plan
-
-
-@dataclass(frozen=True, eq=False)
-class GateCurrents:
-    """Column currents of some frames at the beginning and at the end of every gate, [frames, rows, cols] each.
-
-    `follows` goes with the bias, `rest` does not. The bends are what both are in the middle of the
-    gate beyond the mean of its ends, None where everything goes straight.
-    """
-
-    follows_begin: Floats
-    follows_end: Floats
-    rest_begin: Floats
-    rest_end: Floats
-    follows_bend: Floats | None = None
-    rest_bend: Floats | None = None
-
 
 # Counts by which a course within a clock may move a code beyond what its mean does.
 _BENT = 1.0
@@ -66,9 +46,9 @@ def bends_courses(plan: Plan) -> bool:
     return bool(converter.inv_i_range_a.any() or converter.q_mirror_c.any() or converter.range_clips())
 
 
-def bent(plan: Plan, gate_currents: GateCurrents) -> dict[str, Floats]:
+def bent(plan: Plan, gate_currents: Floats) -> dict[str, Floats]:
     """Return the largest shift of codes [frames, rows, cols] by a ripple's course within clocks,
-    beyond its mean, by the field that does it.
+    beyond its mean, by the field that does it; `gate_currents` of `course.solve_gate`.
 
     `inv_i_range_a`: s(x) = x / (1 + h |x|) of a mean is not the mean of s. With p = 1 + h x, E[1 /
     p] - 1 / E[p] is E[(p - E p)^2 / p] / (E p)^2: what is missing in a clock is at most h var / ((1
@@ -91,13 +71,12 @@ def bent(plan: Plan, gate_currents: GateCurrents) -> dict[str, Floats]:
     limit_a = X_INFINITE * converter.k * converter.i0_a
     per_a = np.abs(converter.gain) / (converter.k * converter.i0_a)
 
-    def reach(begin: Floats, end: Floats, bend: Floats | None) -> tuple[Floats, Floats]:
-        both = [np.clip(i, -limit_a, limit_a) * per_a for i in (begin, end)]
-        more = np.zeros(()) if bend is None else np.clip(bend, -limit_a, limit_a) * per_a
-        return np.minimum(*both) + np.minimum(more, 0.0), np.maximum(*both) + np.maximum(more, 0.0)
+    def reach(course: Floats) -> tuple[Floats, Floats]:
+        finite = np.clip(course, -limit_a, limit_a) * per_a
+        ends, bend = finite[:2], finite[2:].sum(axis=0)
+        return ends.min(axis=0) + np.minimum(bend, 0.0), ends.max(axis=0) + np.maximum(bend, 0.0)
 
-    follows = reach(gate_currents.follows_begin, gate_currents.follows_end, gate_currents.follows_bend)
-    rest = reach(gate_currents.rest_begin, gate_currents.rest_end, gate_currents.rest_bend)
+    follows, rest = map(reach, gate_currents)
     most = np.maximum(np.abs(follows[0]), np.abs(follows[1]))
 
     def swung(part: float) -> tuple[Floats, Floats]:
@@ -141,7 +120,7 @@ def bent(plan: Plan, gate_currents: GateCurrents) -> dict[str, Floats]:
     return {name: np.minimum(counts / size, plan.timing.code_max) for name, counts in found.items()}
 
 
-def check(plan: Plan, gate_currents: GateCurrents) -> None:
+def check(plan: Plan, gate_currents: Floats) -> None:
     """Raise InputError where the waveform of a ripple within clocks may move a code by more than 1 LSB."""
     if not bends_courses(plan):
         return

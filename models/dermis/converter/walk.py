@@ -10,7 +10,8 @@ makes the input change inside a gate, its mean over each clock takes the place o
 """
 
 import copy
-from dataclasses import dataclass, fields
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,6 @@ from dermis.array.array import column_currents
 from dermis.converter import course, noise, walk_loops
 from dermis.converter.coupling import G_ACROSS_S, Coupling, coupling
 from dermis.converter.course import Slots
-from dermis.converter.ripple import GateCurrents
 from dermis.converter.vfc import W_PRESET, Converter
 from dermis.errors import SimulatorError
 from dermis.fields import FAMILIES
@@ -69,38 +69,87 @@ class Noise(NamedTuple):
 
 
 def count_frames(plan: Plan, part: slice, random: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Counts, duties and charges at the end of some frames, [frames, rows, cols] each."""
-    timing, g = plan.timing, plan.conductance_s(part)
+    """Counts, mean duties and charges at the end of some frames, [frames, rows, cols] each."""
+    g = plan.conductance_s(part)
     keys = noise.cell_keys(plan.seed, plan.first_frame + part.start, g.shape) if random else None
-    if plan.active_fields() & course.FIELDS:
-        slots = Slots(plan, part)
-        counts, end = _count_slots(plan, part, slots, g, keys)
-        return counts, slots.mean, end
-    x = plan.converter.duty(column_currents(plan.network(0), g))
-    coupled = coupling(plan, g, x)
-    if coupled is not None:
-        x = x + coupled.x
-    cells, draws = cells_of(plan, x, g, coupled), None
-    if keys is not None:
-        cells = _with_slot_noise(plan.converter, cells, keys)
-        if plan.active_fields() & RANDOM - _SLOT_RANDOM:
-            draws = Noise(noise_rows(plan.converter, x, _noise_variance(plan, g)), keys)
-    counts, end = count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)
+    column_s = np.minimum(g, G_ACROSS_S).sum(axis=1, keepdims=True)
+    if not plan.active_fields() & course.FIELDS:
+        x = plan.converter.duty(column_currents(plan.network(0), g))
+        coupled = coupling(plan, g, x)
+        if coupled is None:
+            return count(plan, plan.converter, x, column_s, keys)
+        return count(plan, plan.converter, x + coupled.x, column_s, keys, across_s=coupled.across_s)
+    slots = Slots(plan, part)
+    across_s = None if slots.coupling is None else slots.coupling.across_s.swapaxes(0, 1)
+    by_row = np.zeros((slots.rows, slots.frames, slots.cols))
+    keys = None if keys is None else keys.swapaxes(0, 1)
+    found = count(
+        plan, plan.converter, by_row, column_s.swapaxes(0, 1), keys, slots.blocks(), across_s=across_s
+    )
+    counts, x, end = (values.swapaxes(0, 1) for values in found)
     return counts, x, end
+
+
+def count(
+    plan: Plan,
+    converter: Converter,
+    x: Floats,
+    column_s: Floats,
+    keys: NDArray[np.uint64] | None,
+    blocks: Iterable[tuple[slice, Floats, Floats]] | None = None,
+    across_s: Floats | None = None,
+) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Counts, mean duties and charges at the end of cells, shaped as `x`.
+
+    Parameters
+    ----------
+    converter : of a plan, or of its chosen columns; its fields broadcast to x
+    x : duties, without a meaning where there are `blocks`
+    column_s : conductance on the cells' columns, broadcasts to x
+    keys : of random numbers, shaped as x, or None
+    blocks : (slice of the flat cells, charge of every clock [clocks, cells], mean [cells]) if the charge changes from
+        clock to clock
+    across_s : conductance that the input of a coupled column sees, or None
+    """
+    timing, draws = plan.timing, None
+    cells = _cells(converter, x, _input_s(plan, converter, column_s, across_s))
+    if keys is not None:
+        cells = _with_slot_noise(converter, cells, keys)
+        if plan.active_fields() & RANDOM - _SLOT_RANDOM:
+            variance = np.broadcast_to(path_variance(converter, column_s), x.shape)
+            draws = Noise(noise_rows(converter, x, variance), keys.flatten())
+    if blocks is None:
+        counts, end = count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)
+        return counts, x, end
+    rows = rows_of(cells, timing.charge_delay_clocks)
+    counts, (means, end) = np.empty(x.size, dtype=np.int64), np.empty((2, x.size))
+    for block, charge, mean in blocks:
+        means[block] = mean
+        if draws is not None:
+            column = np.arange(block.start, block.stop) % converter.cols
+            draws.rows[:, block] = noise_rows(converter, mean, variance.flat[block], column)
+        walk_cells(
+            timing.gate_clocks, timing.charge_delay_clocks, charge, rows, draws, block.start, block.stop, counts,
+            end,
+        )  # fmt: skip
+    return counts.reshape(x.shape), means.reshape(x.shape), end.reshape(x.shape)
 
 
 def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None = None) -> Cells:
     """Turn the converters of a plan into packets and clocks, for x and g [frames, rows, cols]."""
-    converter = plan.converter
-    g_in = None
-    if converter.inv_gain_dc.any() or converter.t_gbw_s.any():
-        g_in = converter.g_in_s
-        if coupled is not None:
-            g_in = g_in + coupled.across_s
-        elif plan.topology == "direct":
-            # The virtual ground carries the whole column, whichever row is driven.
-            g_in = g_in + np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True)
-    return _cells(converter, x, g_in)
+    column_s = np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True)
+    across_s = None if coupled is None else coupled.across_s
+    return _cells(plan.converter, x, _input_s(plan, plan.converter, column_s, across_s))
+
+
+def _input_s(plan: Plan, converter: Converter, column_s: Floats, across_s: Floats | None) -> Floats | None:
+    """Return the conductance across the input of integrators, None where no charge is lost through it."""
+    if not (converter.inv_gain_dc.any() or converter.t_gbw_s.any()):
+        return None
+    if across_s is not None:
+        return converter.g_in_s + across_s
+    # The virtual ground of the direct interface carries the whole column, whichever row is driven.
+    return converter.g_in_s + column_s if plan.topology == "direct" else converter.g_in_s
 
 
 def _cells(converter: Converter, x: Floats, g_in_s: Floats | None) -> Cells:
@@ -149,11 +198,6 @@ def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64
             1.0 + converter.packet_flicker * noise.normals(keys, noise.FLICKER)
         )
     return Cells(**vars(cells) | changed) if changed else cells
-
-
-def _noise_variance(plan: Plan, g_taxel_s: Floats) -> Floats:
-    """Variance of charge a clock in packets^2 that does not depend on x: thermal noise, [frames, 1, cols]."""
-    return path_variance(plan.converter, np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True))
 
 
 def path_variance(converter: Converter, column_s: Floats) -> Floats:
@@ -280,60 +324,6 @@ def _check_charge(end: Floats) -> None:
         raise SimulatorError("engine event: the charge of a converter is not a finite number")
 
 
-def _count_slots(
-    plan: Plan, part: slice, slots: Slots, g_taxel_s: Floats, keys: NDArray[np.uint64] | None
-) -> tuple[NDArray[np.int64], Floats]:
-    """Count as `count_cells` if the charge changes from clock to clock: row after row, in blocks of cells."""
-    timing, converter, shape = plan.timing, plan.converter, g_taxel_s.shape
-    cells = cells_of(plan, np.zeros(shape), g_taxel_s, slots.coupling)
-    variance = None
-    if keys is not None:
-        cells = _with_slot_noise(converter, cells, keys)
-        keys = np.ascontiguousarray(keys.transpose(1, 0, 2))
-        variance = _noise_variance(plan, g_taxel_s)
-    by_row = {f.name: getattr(cells, f.name).transpose(1, 0, 2) for f in fields(Cells)}
-    rows = rows_of(Cells(**by_row), timing.charge_delay_clocks)
-    counts, end = np.empty(g_taxel_s.size, dtype=np.int64), np.empty(g_taxel_s.size)
-    across = slots.frames * slots.cols
-    draws = None
-    if keys is not None and plan.active_fields() & RANDOM - _SLOT_RANDOM:
-        draws = Noise(np.zeros((4, g_taxel_s.size)), keys)
-    frame = np.arange(across) // slots.cols
-    for row, block, charge, mean in slots.blocks(walk_loops.BLOCK):
-        begin = row * across + block.start
-        stop = begin + block.stop - block.start
-        if draws is not None:
-            column = np.arange(block.start, block.stop) % slots.cols
-            draws.rows[:, begin:stop] = noise_rows(converter, mean, variance[frame[block], 0, column], column)
-        walk_cells(
-            timing.gate_clocks, timing.charge_delay_clocks, charge, rows, draws, begin, stop, counts, end
-        )
-    back = (slots.rows, slots.frames, slots.cols)
-    return counts.reshape(back).transpose(1, 0, 2), end.reshape(back).transpose(1, 0, 2)
-
-
-@dataclass(frozen=True, eq=False)
-class Chosen:
-    """Cells of some frames that are counted alone, with what is known of them.
-
-    `frame`, `row`, `col` [n] within the frames of a part; `column_s` [n] conductance on their
-    columns; `x` [n] duty where it is constant; `keys` [n] or None; `gate_currents`, `idle`, `phase`,
-    `output`, `depth` as `course.charges_of` takes them.
-    """
-
-    column_s: Floats
-    frame: NDArray[np.intp]
-    row: NDArray[np.intp]
-    col: NDArray[np.intp]
-    x: Floats
-    keys: NDArray[np.uint64] | None
-    gate_currents: GateCurrents
-    idle: GateCurrents | None
-    phase: Floats
-    output: Floats | None
-    depth: NDArray[np.intp]
-
-
 def columns_of(converter: Converter, col: NDArray[np.intp]) -> Converter:
     """The converters of chosen columns [n], each with values of its own."""
     chosen = copy.copy(converter)  # its arrays are checked already
@@ -341,40 +331,3 @@ def columns_of(converter: Converter, col: NDArray[np.intp]) -> Converter:
         if isinstance(value, np.ndarray):
             object.__setattr__(chosen, name, value[col])
     return chosen
-
-
-def _cells_chosen(plan: Plan, chosen: Chosen, converter: Converter) -> Cells:
-    """The chosen cells [n] as `cells_of` gives them, with the noise of their slots; `converter` has theirs."""
-    g_in = None
-    if plan.converter.inv_gain_dc.any() or plan.converter.t_gbw_s.any():
-        g_in = converter.g_in_s
-        if plan.topology == "direct":
-            g_in = g_in + chosen.column_s
-    cells = _cells(converter, chosen.x, g_in)
-    return cells if chosen.keys is None else _with_slot_noise(converter, cells, chosen.keys)
-
-
-def count_chosen(plan: Plan, chosen: Chosen) -> NDArray[np.int64]:
-    """Return counts [n] of chosen cells, equal to those of `run`: random numbers depend on the cell alone."""
-    timing, active = plan.timing, plan.active_fields()
-    converter = columns_of(plan.converter, chosen.col)
-    cells = _cells_chosen(plan, chosen, converter)
-    walks = chosen.keys is not None and bool(active & RANDOM - _SLOT_RANDOM)
-    variance = path_variance(converter, chosen.column_s) if walks else None
-    if not active & course.FIELDS:
-        draws = Noise(noise_rows(converter, chosen.x, variance), chosen.keys) if walks else None
-        return count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)[0]
-    rows = rows_of(cells, timing.charge_delay_clocks)
-    counts, end = np.empty(chosen.row.size, dtype=np.int64), np.empty(chosen.row.size)
-    draws = Noise(np.zeros((4, chosen.row.size)), chosen.keys) if walks else None
-    where = chosen.frame, chosen.row, chosen.col
-    for block, charge, mean in course.charges_of(
-        plan, chosen.gate_currents, chosen.idle, chosen.phase, chosen.output, where, chosen.depth
-    ):
-        if draws is not None:
-            draws.rows[:, block] = noise_rows(converter, mean, variance[block], block)
-        walk_cells(
-            timing.gate_clocks, timing.charge_delay_clocks, charge, rows, draws, block.start, block.stop, counts,
-            end,
-        )  # fmt: skip
-    return counts

@@ -9,7 +9,7 @@ event, for random numbers depend on the cell alone (docs/auto.md).
 import math
 import statistics
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from dermis import bounds
 from dermis.bounds import Bounding
 from dermis.converter import course, injection, noise, walk
 from dermis.converter.coupling import G_ACROSS_S, couples
-from dermis.converter.ripple import GateCurrents
 from dermis.converter.vfc import code_type
 from dermis.effects import EFFECTS
 from dermis.engines import Result, event
@@ -143,11 +142,9 @@ class _Part:
     def _solve(self, apart_lsb: Floats) -> None:
         plan, c, timing, drive = self.plan, self.plan.converter, self.plan.timing, self.plan.drive
         frames, rows, cols = shape = self.g.shape
-        self.gate_currents = gate_currents = course.solve_gate(plan, self.part)
-        self.phase = swing_sum = np.zeros((frames, rows))
-        reach = 0.0
+        self.gate_currents = course.solve_gate(plan, self.part)
+        self.phase, swing_sum, reach = course.phases(plan, self.part), np.zeros((frames, rows)), 0.0
         if drive.ripple:
-            self.phase = course.phases(plan, self.part)
             omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz
             begin = self.phase + omega * timing.settle_clocks
             swing_sum = (np.cos(begin) - np.cos(begin + omega * timing.gate_clocks)) / omega
@@ -175,15 +172,9 @@ class _Part:
         for bound in self.table.functions.values():
             on[bound.number] = bound.factor
         self.columns = bounds.columns(c)
-        i = gate_currents
-        bend = (i.follows_bend, i.rest_bend)
-        if i.follows_bend is None:
-            bend = (np.zeros(shape),) * 2 if drive.motion else (i.follows_begin, i.rest_begin)
-        solved = [
-            tuple(map(np.ascontiguousarray, pair))
-            for pair in ((i.follows_begin, i.rest_begin), (i.follows_end, i.rest_end), bend)
-        ]
-        asked = self.loops.Run(*solved, self.g_column_s, idle, swing_sum, apart_lsb, self.seed, self.first)
+        solved = self.loops.Run(
+            self.gate_currents, self.g_column_s, idle, swing_sum, apart_lsb, self.seed, self.first
+        )
         values = np.empty((3, *shape))
         open_, whole = np.empty(shape, dtype=bool), np.empty((2, *shape), dtype=np.int64)
         mirrors = np.empty((6, *shape) if self.slow_mirror else (6, 1, 1, 1))
@@ -192,7 +183,7 @@ class _Part:
         )
         ratios = np.empty(self.g.size // self.loops.EACH + 1)
         sampled, self.drawn = self.loops.decide_cells(
-            self.gate, on, self.columns, asked, self.s, self.table.tally, ratios
+            self.gate, on, self.columns, solved, self.s, self.table.tally, ratios
         )
         if sampled:
             self.table.looseness.append(float(np.sort(ratios[:sampled])[sampled // 2]))
@@ -209,24 +200,23 @@ class _Part:
             s.codes[cells] = np.minimum(self._walk(cells), full)
         return s.codes
 
-    def _chosen(self, cells: Cells, depth: NDArray[np.intp]) -> walk.Chosen:
-        x = self.s.x[cells]
-        if not self.active & course.FIELDS:
-            # As engine event takes them where nothing changes within a gate.
-            i = self.gate_currents.follows_begin[cells] + self.gate_currents.rest_begin[cells]
-            x = walk.columns_of(self.plan.converter, cells[2]).duty(i)
-        output = self.s.end[0] if self.slow_mirror else None
-        draws = noise.chosen_keys(self.plan.seed, self.first, cells) if self.random else None
-        across, idle = self.g_column_s[cells[0], cells[2]], self._idle_course(cells)
-        return walk.Chosen(across, *cells, x, draws, self.gate_currents, idle, self.phase, output, depth)
-
     def _walk(self, cells: Cells) -> NDArray[np.int64]:
         """Counts of open cells by engine event."""
-        counts, depth = np.empty(cells[0].size, dtype=np.int64), self._depth(cells)
+        plan, depth = self.plan, self._depth(cells)
         # Alike side by side.
         order = np.argsort(2 * depth + (depth == cells[1]), kind="stable")
-        chosen = self._chosen(tuple(index[order] for index in cells), depth[order])
-        counts[order] = walk.count_chosen(self.plan, chosen)
+        cells = tuple(index[order] for index in cells)
+        converter, x, blocks = walk.columns_of(plan.converter, cells[2]), np.zeros(order.size), None
+        if self.active & course.FIELDS:
+            output = self.s.end[0] if self.slow_mirror else None
+            given = self.gate_currents, self._idle_course(cells), self.phase, output
+            blocks = course.charges_of(plan, *given, cells, depth[order])
+        else:
+            # As engine event takes them where nothing changes within a gate.
+            x = converter.duty(self.gate_currents[0, 0][cells] + self.gate_currents[1, 0][cells])
+        keys = noise.chosen_keys(plan.seed, self.first, cells) if self.random else None
+        counts = np.empty(order.size, dtype=np.int64)
+        counts[order], *_ = walk.count(plan, converter, x, self.g_column_s[cells[0], cells[2]], keys, blocks)
         return counts
 
     def _depth(self, cells: Cells) -> NDArray[np.intp]:
@@ -237,27 +227,14 @@ class _Part:
             self.loops.remembered(self.gate, *mirrors, self.columns[bounds.KAPPA], *cells, depth)
         return depth
 
-    def _idle_course(self, cells: Cells) -> GateCurrents | None:
+    def _idle_course(self, cells: Cells) -> Floats | None:
         """Currents while no row is driven, where the gates of chosen cells still remember them."""
         if not self.slow_mirror or not course.has_idle_current(self.plan):
             return None
         remembers = self.s.passed[(0, *cells)] <= _MEMORY * self.columns[bounds.KAPPA, cells[2]]
         if not remembers.any():
             return None
-        frames = np.unique(cells[0][remembers])
-        network = self.plan.network(0)
-        if network.r_row_driven_ohm == network.r_row_grounded_ohm:
-            return self.gate_currents
-        found = course.solve_gate(self.plan, self.part, idle=True, frames=frames)
-
-        def spread(values: Floats | None) -> Floats | None:
-            if values is None:
-                return None
-            out = np.zeros(self.g.shape)
-            out[frames] = values
-            return out
-
-        return GateCurrents(*(spread(getattr(found, part.name)) for part in fields(GateCurrents)))
+        return course.idle_currents(self.plan, self.part, self.gate_currents, np.unique(cells[0][remembers]))
 
 
 def largest(plan: Plan) -> dict[str, float]:
