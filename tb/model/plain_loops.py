@@ -70,7 +70,7 @@ def codes(name: str, scratch: Path) -> np.ndarray:
 def main(path: str) -> None:
     """Write the codes of every world into `path`."""
     assert os.environ.get("NUMBA_DISABLE_JIT") == "1"
-    for name in ("_mix", "_uniform", "_keys"):
+    for name in ("_mix", "uniform", "_keys"):
         # Integers of a hash may wrap around, which numpy calls an overflow of a single number.
         setattr(noise, name, np.errstate(over="ignore")(getattr(noise, name)))
     if "--seeded" in sys.argv:  # a fault: what the mirror divides by is 0 and its quotient is not used

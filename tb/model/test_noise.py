@@ -25,6 +25,13 @@ def keys(cells: int, seed: int = 1) -> np.ndarray:
     return noise.cell_keys(seed, 0, (1, 1, cells)).ravel()
 
 
+def path_of(key: np.uint64, clocks: int) -> np.ndarray:
+    """The whole Brownian path of a cell, of which the loops draw only parts."""
+    out = np.empty(noise.span_of(clocks) + 1)
+    noise.walk_grid(key, out.size - 1, 1, out)
+    return out[: clocks + 1]
+
+
 # --- the numbers ---------------------------------------------------------------------------------------------------
 
 
@@ -58,7 +65,7 @@ def test_draws_are_standard_normal_and_independent(stream: int) -> None:
 
 def test_walks_are_brownian() -> None:
     at = np.array([1, 3, 32, 100, 255, 256, 257, 400, 510])
-    walks = np.array([noise.path(key, GATE) for key in keys(8000)])
+    walks = np.array([path_of(key, GATE) for key in keys(8000)])
     assert (walks[:, 0] == 0).all()
     found = np.cov(walks[:, at].T)
     expected = np.minimum(at[:, None], at)
@@ -104,13 +111,13 @@ def test_bits_with_noise_are_those_of_the_walk_that_draws_everything(kind: str) 
     counts, end = count_cells(made, clocks, 1.0, Noise(size, own))
     moved = 0
     for i, one in enumerate(cells):
-        path = noise.path(own[i], clocks)
+        path = path_of(own[i], clocks)
         sigma, white, slope, aperture = size[:, i]
         sample = [
             white * noise.normal(own[i], noise.LEVEL, n) + slope * noise.normal(own[i], noise.EDGE, n)
             for n in range(1, clocks + 1)
         ]
-        coin = [noise.uniform(own[i], noise.COIN, n) < 0.5 for n in range(1, clocks + 1)]
+        coin = [noise.normal(own[i], noise.COIN, n) < 0.0 for n in range(1, clocks + 1)]
         draws = Draws([sigma * w for w in path[1:]], sample, coin, aperture)
         walk = walk_reference(one, clocks, 1.0, 30, draws=draws)
         assert walk.nearest > 1e-13, "take another seed"

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dermis.array import solve_error, star_mesh
 from dermis.array.network import LIMITED, Network, ends
 from dermis.errors import SimulatorError
-
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Bools, Floats
 
 # Conductances of a short. A taxel of 0 ohm is the limit of small equal resistances, which decides
 # how a current splits between two of them; a series resistance of 0 ohm is harder than any taxel. The
@@ -190,7 +189,7 @@ def refuse_loops(network: Network, g: Floats) -> None:
             raise NoSolution(int(frame), int(row), int(column))
 
 
-def _joined(short: NDArray[np.bool_], column: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _joined(short: Bools, column: int) -> tuple[Bools, Bools]:
     """Return the rows and columns that shorts [rows, cols] join with one column."""
     rows, columns = np.zeros(short.shape[0], dtype=bool), np.zeros(short.shape[1], dtype=bool)
     columns[column], before = True, 0

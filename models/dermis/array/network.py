@@ -7,11 +7,9 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import fields
-
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 
 @dataclass(frozen=True, eq=False)

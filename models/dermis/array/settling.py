@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dermis.array.array import Network, in_range
+from dermis.ndarrays import Floats
 from dermis.timing import Timing
-
-Floats = NDArray[np.float64]
 
 # A taxel below 0.1 milliohm counts as that: the bound grows with its root.
 _G_MAX_S = 1e4

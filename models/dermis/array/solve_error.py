@@ -15,11 +15,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.errors import SimulatorError
-
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 U = 2.0**-53
 """Largest relative error of one rounded operation."""
@@ -212,14 +210,3 @@ def recording(lsb_a: Floats | None = None, reach_a: Floats | None = None) -> Ite
         yield opened
     finally:
         _record.reset(token)
-
-
-def merged(reports: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the report of a run from its parts: the sum of solves and refinement steps, else the
-    largest value.
-    """
-    found = [r for r in reports if r]
-    if not found:
-        return {}
-    sums = ("solves", "refinement_steps")
-    return {k: (sum if k in sums else max)(r[k] for r in found) for k in found[0]}

@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from dermis.ndarrays import Floats
 
 # Products may be fused with the sum they go into: one rounding less. Nothing is reordered.
 _compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 
 from dermis.array.array import Network, between_columns
-from dermis.converter.vfc import W_PRESET, Converter
+from dermis.converter.vfc import W_PRESET
 from dermis.errors import SimulatorError
 from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
@@ -34,14 +34,7 @@ _CLOSE = 2.0
 
 # Fields that make the virtual ground of one column see the others.
 COUPLING = frozenset(
-    {
-        "r_row_driven_ohm",
-        "r_row_grounded_ohm",
-        "r_column_ohm",
-        "g_lateral_row_s",
-        "r_trace_row_ohm",
-        "r_trace_column_ohm",
-    }
+    "r_row_driven_ohm r_row_grounded_ohm r_column_ohm g_lateral_row_s r_trace_row_ohm r_trace_column_ohm".split()
 )
 
 
@@ -163,7 +156,9 @@ class _Columns:
         matrix[..., own, own] = links[..., own, own] = 0.0
         shape = (*g.shape, plan.cols)
         self._matrix, self._links = np.broadcast_to(matrix, shape), np.broadcast_to(links, shape)
-        self._low, self._high = _biting(converter)
+        # Limits of the charge in packets; infinite where none is reached.
+        ends = converter.range_v() * (1.0 + converter.inv_gain_dc) / converter.packet_v()
+        self._low, self._high = ends if converter.range_clips() else np.array([[-np.inf], [np.inf]])
         self.start = W_PRESET + converter.preset_error_v / converter.packet_v()
         self._held = np.clip(self.start, self._low, self._high)
         rise_v = converter.v_comp_offset_v + converter.v_hysteresis_v / 2
@@ -300,13 +295,6 @@ class _Columns:
         if not (np.isfinite(mean).all() and np.isfinite(end).all()):
             raise SimulatorError("column coupling: the charge over a gate is not a finite number")
         return mean, end
-
-
-def _biting(converter: Converter) -> Floats:
-    """Return the lower and upper limit of the charge in packets, [2, cols]; infinite where no limit is reached."""
-    if not converter.range_clips():
-        return np.broadcast_to([[-np.inf], [np.inf]], (2, converter.cols))
-    return converter.range_v() * (1.0 + converter.inv_gain_dc) / converter.packet_v()
 
 
 @numba.njit(cache=True, error_model="numpy")

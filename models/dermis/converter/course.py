@@ -434,16 +434,8 @@ def _exp_of_minus(t):  # type: ignore
     p = 1.0 + u * (
         1.0 + u * (1 / 2 + u * (1 / 6 + u * (1 / 24 + u * (1 / 120 + u * (1 / 720 + u * (1 / 5040))))))
     )
-    p *= p
-    p *= p
-    p *= p
-    p *= p
-    p *= p
-    p *= p
-    p *= p
-    p *= p
-    p *= p
-    p *= p
+    for _ in range(10):
+        p *= p
     return p
 
 
@@ -512,11 +504,8 @@ def _begin_mirrors(own, cells, row, first, basis, factors, squeeze, lag, slow, i
     """Load slow mirrors: settled where a frame begins, else as the row before left them, with the pause behind it."""
     times, begin = basis.mean, basis.begin
     for c in range(cells):
-        own[INERT + c], own[SWIFT + c], own[OUTPUT + c] = (
-            lag[first + c],
-            1.0 / lag[first + c],
-            slow[first + c],
-        )
+        own[INERT + c], own[SWIFT + c] = lag[first + c], 1.0 / lag[first + c]
+        own[OUTPUT + c] = slow[first + c]
         if row == 0:
             x = 0.0
             for k in range(begin.size):

@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random numbers that depend on their purpose and place alone.
+"""Random numbers that depend on their purpose and place alone (docs/event.md, "Noise").
 
-A number is a hash of (seed, stream, frame, row, column, counter): there is no state, so neither
-batches, nor processes, nor other cells or effects move it, and one that is never needed costs
-nothing. The hash is the output function of SplitMix64 (Steele, Lea & Flood 2014) over a Weyl
-sequence that begins at a mixed key; normals come from it by the inverse of the distribution
-function (Wichura, AS241), so one draw is one number.
+A number is a hash of (seed, stream, frame, row, column, counter), the output function of SplitMix64 (Steele, Lea &
+Flood 2014) over a Weyl sequence that begins at a mixed key; normals come from it by the inverse of the distribution
+function (Wichura, AS241), so one draw is one number. There is no state: one that is never needed costs nothing.
 
-Slow noise is a Brownian path a cell, W(0) = 0, of variance 1 a clock. It is drawn by halves: W at
-the end of the gate, then in the middle, each with the variance that is left. The path at one clock
-so needs log2 of the clocks in numbers, and no other clock.
+Slow noise is a Brownian path a cell, W(0) = 0, of variance 1 a clock. It is drawn by halves: W at the end of the gate,
+then in the middle, each with the variance that is left.
 """
 
 import math
@@ -35,7 +32,7 @@ def _mix(z):  # type: ignore
 
 
 @numba.njit(cache=True)
-def _uniform(key, stream, counter):  # type: ignore
+def uniform(key, stream, counter):  # type: ignore
     """(0, 1), never either end: 53 bits and a half."""
     begin = _mix(key ^ (np.uint64(stream) * _MIX2))
     return ((_mix(begin + np.uint64(counter) * _WEYL) >> np.uint64(11)) + 0.5) * _ODD
@@ -77,15 +74,9 @@ def inverse_normal(p):  # type: ignore
 
 
 @numba.njit(cache=True)
-def uniform(key, stream, counter):  # type: ignore
-    """One uniform number in (0, 1)."""
-    return _uniform(key, stream, counter)
-
-
-@numba.njit(cache=True)
 def normal(key, stream, counter):  # type: ignore
     """One standard normal number."""
-    return inverse_normal(_uniform(key, stream, counter))
+    return inverse_normal(uniform(key, stream, counter))
 
 
 @numba.njit(cache=True)
@@ -102,31 +93,14 @@ def key_in_row(of_row, col):  # type: ignore
 
 
 @numba.njit(cache=True)
-def cell_key(seed, frame, row, col):  # type: ignore
-    """Return the key of one cell; `frame` is its number in the whole scene."""
-    return key_in_row(row_key(seed, frame, row), col)
-
-
-@numba.njit(cache=True)
-def _keys(seed, first_frame, out):  # type: ignore
-    frames, rows, cols = out.shape
-    for f in range(frames):
-        for r in range(rows):
-            for c in range(cols):
-                out[f, r, c] = cell_key(seed, first_frame + f, r, c)
+def _keys(seed, first_frame, frame, row, col, out):  # type: ignore
+    for i in range(out.size):
+        out[i] = key_in_row(row_key(seed, first_frame + frame[i], row[i]), col[i])
 
 
 def cell_keys(seed: int, first_frame: int, shape: tuple[int, int, int]) -> NDArray[np.uint64]:
     """One key a cell, [frames, rows, cols]; `first_frame` is the number of frame 0 in the whole scene."""
-    out = np.empty(shape, dtype=np.uint64)
-    _keys(np.uint64(seed), first_frame, out)
-    return out
-
-
-@numba.njit(cache=True)
-def _chosen_keys(seed, first_frame, frame, row, col, out):  # type: ignore
-    for i in range(out.size):
-        out[i] = cell_key(seed, first_frame + frame[i], row[i], col[i])
+    return chosen_keys(seed, first_frame, tuple(np.indices(shape).reshape(3, -1))).reshape(shape)
 
 
 def chosen_keys(seed: int, first_frame: int, cells: tuple[NDArray[np.intp], ...]) -> NDArray[np.uint64]:
@@ -134,7 +108,7 @@ def chosen_keys(seed: int, first_frame: int, cells: tuple[NDArray[np.intp], ...]
     if len({cell.shape for cell in cells}) != 1:
         raise ValueError("frames, rows and columns of cells must be as many")
     out = np.empty(cells[0].size, dtype=np.uint64)
-    _chosen_keys(np.uint64(seed), first_frame, *cells, out)
+    _keys(np.uint64(seed), first_frame, *cells, out)
     return out
 
 
@@ -230,18 +204,3 @@ def walk_end(key, clocks, scale, fall):  # type: ignore
         above = max(above, max(before, here) + between)
         before = here
     return end, above
-
-
-@numba.njit(cache=True)
-def _path(key, clocks, out):  # type: ignore
-    span = span_of(clocks)
-    whole = np.empty(span + 1)
-    walk_grid(key, span, 1, whole)
-    out[:] = whole[: clocks + 1]
-
-
-def path(key: int, clocks: int) -> NDArray[np.float64]:
-    """Return the whole Brownian path of one cell, W(0) .. W(clocks), of which the loops draw only parts."""
-    out = np.empty(clocks + 1)
-    _path(np.uint64(key), clocks, out)
-    return out

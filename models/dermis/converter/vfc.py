@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dermis.ndarrays import Floats
+
 W_PRESET = -0.5
 # Clocks of the longest gate that the chip can be told (16 bits). N x in a double rounds by 7e-12 packet at most there,
 # and so does a charge that is summed up clock by clock.
@@ -46,9 +48,9 @@ class Converter:
     packet_v().
     """
 
-    k: NDArray[np.float64]
-    i0_a: NDArray[np.float64]
-    c_int_f: NDArray[np.float64]
+    k: Floats
+    i0_a: Floats
+    c_int_f: Floats
     f_clk_hz: float
     v_sign: float = -1.0
     gain: ArrayLike = 1.0  # of iD
@@ -101,11 +103,11 @@ class Converter:
         """Clock period in seconds."""
         return 1.0 / self.f_clk_hz
 
-    def packet_v(self) -> NDArray[np.float64]:
+    def packet_v(self) -> Floats:
         """One ideal packet as a voltage on c_int_f, [cols]."""
         return self.i0_a / self.f_clk_hz / self.c_int_f
 
-    def range_v(self) -> NDArray[np.float64]:
+    def range_v(self) -> Floats:
         """Lower and upper end of the charge as a voltage on c_int_f, [2, cols]: the output's, by the sign of charge."""
         ends = self.v_sign * self.v_int_min_v, self.v_sign * self.v_int_max_v
         return np.array([np.minimum(*ends), np.maximum(*ends)])
@@ -116,11 +118,11 @@ class Converter:
         # A range of exactly _SWING_PACKETS, up to rounding, is enough.
         return bool(np.any(room < _SWING_PACKETS * self.packet_v() * (1.0 - 1e-9)))
 
-    def saturating_duty(self) -> NDArray[np.float64]:
+    def saturating_duty(self) -> Floats:
         """Return the duty [cols] beyond which every code is saturated."""
         return X_MAX * np.maximum(1.0 + self.packet_error, 1.0)
 
-    def duty(self, i_column_a: ArrayLike) -> NDArray[np.float64]:
+    def duty(self, i_column_a: ArrayLike) -> Floats:
         """x = (gain * i / k + i_offset) / i0 of column currents [..., cols] in ampere, i compressed first."""
         i_column = np.asarray(i_column_a, dtype=float)
         if self.inv_i_range_a.any():
@@ -154,7 +156,7 @@ def _arrays(kind: type[Converter]) -> dict[str, Any]:
 
 
 @functools.lru_cache(maxsize=64)
-def _ideal(kind: type[Converter], cols: int) -> dict[str, NDArray[np.float64]]:
+def _ideal(kind: type[Converter], cols: int) -> dict[str, Floats]:
     """Arrays of the defaults."""
     found = {}
     for name, default in _arrays(kind).items():

@@ -1,12 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walk cells clock by clock: converters in packets and clocks, their noise, and counts of frames or of chosen cells.
 
-Between two clocks the current into the integrator is constant on at most three pieces (the packet
-begins or ends, the comparator is sampled a delay before the clock). On a piece the charge is a
-straight line or, with a leak, an exponential; with finite bandwidth the output follows by a second
-one. So a clock changes a cell by a few numbers, which are computed once a gate. Where an effect
-makes the input change inside a gate, its mean over each clock takes the place of the constant
-(converter.course); noise is drawn only where it can change a decision (dermis.converter.noise).
+docs/event.md has the equations. Where an effect makes the input change inside a gate, its mean over each clock takes
+the place of the constant (converter.course).
 """
 
 import copy
@@ -116,7 +112,10 @@ def count(
     if keys is not None:
         cells = _with_slot_noise(converter, cells, keys)
         if plan.active_fields() & RANDOM - _SLOT_RANDOM:
-            variance = np.broadcast_to(path_variance(converter, column_s), x.shape)
+            # Thermal noise of the conductance on a column.
+            packet_c, share = converter.i0_a / converter.f_clk_hz, converter.gain / converter.k
+            variance = 2.0 * converter.kt_noise_j * column_s * share**2 / (converter.f_clk_hz * packet_c**2)
+            variance = np.broadcast_to(variance, x.shape)
             draws = Noise(noise_rows(converter, x, variance), keys.flatten())
     if blocks is None:
         counts, end = count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)
@@ -128,10 +127,7 @@ def count(
         if draws is not None:
             column = np.arange(block.start, block.stop) % converter.cols
             draws.rows[:, block] = noise_rows(converter, mean, variance.flat[block], column)
-        walk_cells(
-            timing.gate_clocks, timing.charge_delay_clocks, charge, rows, draws, block.start, block.stop, counts,
-            end,
-        )  # fmt: skip
+        walk_cells(timing.gate_clocks, timing.charge_delay_clocks, charge, rows, draws, block, counts, end)
     return counts.reshape(x.shape), means.reshape(x.shape), end.reshape(x.shape)
 
 
@@ -157,15 +153,15 @@ def _cells(converter: Converter, x: Floats, g_in_s: Floats | None) -> Cells:
     packet_v = converter.packet_v()
     # Output of the integrator over the voltage of its capacitor.
     amplitude = 1.0 / (1.0 + converter.inv_gain_dc)
-    leak = across = np.zeros(x.shape)
+    leak = across = np.zeros(())
     if g_in_s is not None:
         across = np.minimum(g_in_s / converter.c_int_f / converter.f_clk_hz, _LEAK_MAX)
-        across = across if across.shape == x.shape else np.broadcast_to(across, x.shape)
         leak = across * (converter.inv_gain_dc * amplitude)
+    most = converter.saturating_duty()
     scale = packet_v * amplitude
     low, high = converter.range_v() / scale
     columns = {
-        "w0": _within(W_PRESET + converter.preset_error_v / packet_v, low, high),
+        "w0": np.clip(W_PRESET + converter.preset_error_v / packet_v, low, high),
         "packet": 1.0 + converter.packet_error,
         "rise": (converter.v_comp_offset_v + converter.v_hysteresis_v / 2) / scale,
         "fall": (converter.v_comp_offset_v - converter.v_hysteresis_v / 2) / scale,
@@ -173,17 +169,11 @@ def _cells(converter: Converter, x: Floats, g_in_s: Floats | None) -> Cells:
         "high": high,
         "delay": converter.t_comp_delay_s * converter.f_clk_hz,
         "lag": converter.t_gbw_s * amplitude * converter.f_clk_hz,
+        "x": np.clip(x, -most, most),
+        "leak": leak,
+        "across": across,
     }
-    everywhere = {
-        name: value if value.shape == x.shape else np.broadcast_to(value, x.shape)
-        for name, value in columns.items()
-    }
-    most = converter.saturating_duty()
-    return Cells(x=_within(x, -most, most), leak=leak, across=across, **everywhere)
-
-
-def _within(value: Floats, low: Floats, high: Floats) -> Floats:
-    return np.minimum(np.maximum(value, low), high)
+    return Cells(**{name: np.broadcast_to(value, x.shape) for name, value in columns.items()})
 
 
 def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64]) -> Cells:
@@ -192,7 +182,7 @@ def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64
     if converter.v_preset_noise_v.any():
         spread = converter.v_preset_noise_v / converter.packet_v()
         start = cells.w0 + spread * noise.normals(keys, noise.PRESET)
-        changed["w0"] = _within(start, cells.low, cells.high)
+        changed["w0"] = np.clip(start, cells.low, cells.high)
     if converter.packet_flicker.any():
         changed["packet"] = cells.packet * (
             1.0 + converter.packet_flicker * noise.normals(keys, noise.FLICKER)
@@ -200,17 +190,13 @@ def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64
     return Cells(**vars(cells) | changed) if changed else cells
 
 
-def path_variance(converter: Converter, column_s: Floats) -> Floats:
-    """Variance of charge a clock in packets^2 of the thermal noise of `column_s` on each column."""
-    q_packet = converter.i0_a / converter.f_clk_hz
-    part = converter.gain / converter.k
-    return 2.0 * converter.kt_noise_j * column_s * part**2 / (converter.f_clk_hz * q_packet**2)
-
-
 def noise_rows(
     converter: Converter, x: Floats, variance: Floats, column: NDArray[np.int64] | slice = slice(None)
 ) -> Floats:
-    """Rows of `Noise` for mean duties x [..., column]; per-packet noise comes at the mean rate of packets."""
+    """Rows of `Noise` for mean duties x [..., column]; per-packet noise comes at the mean rate of packets.
+
+    `variance` is what the charge of a clock has from elsewhere, in packets^2.
+    """
     x = np.minimum(np.abs(x), _X_NOISE_MAX)
     rate = np.minimum(x, 0.5)
     shot = (converter.q_shot_c * converter.f_clk_hz / converter.i0_a)[column]
@@ -225,47 +211,31 @@ def noise_rows(
 
 
 class Rows(NamedTuple):
-    """Arguments of converter.walk_loops.walk for n cells.
+    """Cells as converter.walk_loops.walk takes them.
 
+    lags : the outputs lag
     one_step : no cell has a window or a range: without noise no clock is looked at again
     at_edge : every sample is taken at the clock edge
     """
 
-    slow: Floats
-    fast: Floats | None
-    latch: Floats
-    early: Floats
-    rise: Floats
-    fall: Floats
-    limits: Floats
-    lag: Floats
+    cells: walk_loops.Flat
+    lags: bool
     one_step: bool
     at_edge: bool
 
 
 def rows_of(cells: Cells, charge_delay: float) -> Rows:
-    """Compute the change of every cell over a clock, cells flattened.
-
-    The charge w and the output v (both in packets, v = w when settled) obey w' = i - across (w - v)
-    - leak v and v' = (w - v) / lag. Their matrix always has two distinct real eigenvalues: the one
-    near -leak carries the charge, the one beyond -1 / lag the part that the output still lags
-    behind. The states here are the two parts of v, v = a + b, and w = weight_a a + weight_b b.
-    """
+    """Return cells flattened, and which of their effects are on."""
     if not 0 < charge_delay <= 1:
         raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
     # Copies, so that none is read-only: the loops would be compiled again for it.
-    flat = {name: np.asarray(value, dtype=float).flatten() for name, value in vars(cells).items()}
-    lag, count = flat["lag"], flat["w0"].size
-    lags = bool(lag.any())
-    if lags and not lag.all():
+    flat = walk_loops.Flat(**{k: np.asarray(v, dtype=float).flatten() for k, v in vars(cells).items()})
+    lags = bool(flat.lag.any())
+    if lags and not flat.lag.all():
         raise ValueError("the output of some cells lags and of others does not")
-    slow, fast = np.empty((8, count)), np.empty((8, count if lags else 0))
-    latch, early = np.empty((2, count)), np.empty((6, count))
-    taken = (flat[name] for name in ("w0", "packet", "leak", "across", "delay", "lag"))
-    walk_loops.modes(*taken, charge_delay, slow, fast, latch, early)
-    rise, fall, limits = flat["rise"], flat["fall"], np.stack([flat["low"], flat["high"]])
-    one_step, at_edge = bool((rise == fall).all() and np.isinf(limits).all()), not flat["delay"].any()
-    return Rows(slow, fast if lags else None, latch, early, rise, fall, limits, lag, one_step, at_edge)
+    endless = np.isinf(flat.low).all() and np.isinf(flat.high).all()
+    one_step = bool((flat.rise == flat.fall).all() and endless)
+    return Rows(flat, lags, one_step, not flat.delay.any())
 
 
 def count_cells(
@@ -276,23 +246,16 @@ def count_cells(
     A one decided at clock n takes its packet out between clocks n + D and n + D + 1, D = `charge_delay` in
     0..1. A loop is compiled for each kind of cell: none of them tests for an effect that is off.
     """
-    shape = cells.x.shape
-    bent = (
-        cells.leak.any() or cells.lag.any() or np.isfinite(cells.low).any() or np.isfinite(cells.high).any()
-    )
-    ideal = not bent and draws is None and not cells.delay.any() and (cells.rise == cells.fall).all()
-    counts, end = np.empty(cells.x.size, dtype=np.int64), np.empty(cells.x.size)
-    x = np.asarray(cells.x, dtype=float).flatten()
-    if ideal:
-        if not 0 < charge_delay <= 1:
-            raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
-        w0, packet, rise = (getattr(cells, n).flatten() for n in ("w0", "packet", "rise"))
-        walk_loops.plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
+    rows = rows_of(cells, charge_delay)
+    flat = rows.cells
+    counts, end = np.empty(flat.x.size, dtype=np.int64), np.empty(flat.x.size)
+    if draws is None and rows.one_step and rows.at_edge and not (rows.lags or flat.leak.any()):
+        walk_loops.plain(flat.x, flat.w0, flat.packet, flat.rise, clocks, charge_delay, counts, end)
         _check_charge(end)
     else:
-        rows = rows_of(cells, charge_delay)
-        walk_cells(clocks, charge_delay, x[np.newaxis], rows, draws, 0, x.size, counts, end)
-    return counts.reshape(shape), end.reshape(shape)
+        whole = slice(0, flat.x.size)
+        walk_cells(clocks, charge_delay, flat.x[np.newaxis], rows, draws, whole, counts, end)
+    return counts.reshape(cells.x.shape), end.reshape(cells.x.shape)
 
 
 def walk_cells(
@@ -301,21 +264,20 @@ def walk_cells(
     x: Floats,
     rows: Rows,
     draws: Noise | None,
-    begin: int,
-    stop: int,
+    block: slice,
     counts: NDArray[np.int64],
     end: Floats,
 ) -> None:
-    """Count cells begin..stop-1 of `rows`; x and the rest as for converter.walk_loops.walk."""
+    """Count a block of `rows`; x and the rest as for converter.walk_loops.walk."""
     of, keys = (None, None) if draws is None else draws
     step = None if of is None else walk_loops.grid_step(of[walk_loops.SIGMA], clocks)
-    limits = None if of is None and rows.one_step else rows.limits
-    early = None if limits is None and rows.at_edge else rows.early
+    lags = True if rows.lags else None
+    limits = None if of is None and rows.one_step else True
+    early = None if limits is None and rows.at_edge else True
     walk_loops.walk(
-        clocks, late, x, rows.slow, rows.fast, rows.latch, early, rows.rise, rows.fall, limits, rows.lag,
-        of, None if keys is None else keys.ravel(), step, begin, stop, counts, end,
-    )  # fmt: skip
-    _check_charge(end[begin:stop])
+        clocks, late, x, rows.cells, lags, early, limits, of, keys, step, block.start, block.stop, counts, end
+    )
+    _check_charge(end[block])
 
 
 def _check_charge(end: Floats) -> None:

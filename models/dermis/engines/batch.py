@@ -9,6 +9,7 @@ and whoever runs them.
 import functools
 import hashlib
 import itertools
+import statistics
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import replace
@@ -18,8 +19,7 @@ from typing import Any
 import numpy as np
 
 from dermis import engines
-from dermis.array import solve_error
-from dermis.engines import Result, masking
+from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
 from dermis.places import PACKAGE, ROOT
 from dermis.processes import pool
@@ -128,19 +128,25 @@ def _joined(parts: list[Result], frames: list[int]) -> Result:
 
     info = {name: join([part.info.get(name) for part in parts]) for name in parts[0].info}
     for name in ("array", "filter", "masked"):  # neither arrays by frame nor alike in all parts
-        if values := [part.info[name] for part in parts if name in part.info]:
-            info[name] = _merged(name)(values)
+        if tables := [part.info[name] for part in parts if name in part.info]:
+            info[name] = _merged(tables)
+            if name == "filter":
+                median = statistics.median(table["bound_over_shift"] for table in tables)
+                info[name]["bound_over_shift"] = median
     info = {name: value for name, value in info.items() if value is not None}
     return Result(join([part.codes for part in parts]), info)
 
 
-def _merged(name: str) -> Callable[[list[dict[str, Any]]], dict[str, Any]]:
-    """Return the function that joins the tables of several parts."""
-    if name == "filter":
-        from dermis.engines import filter  # compiled
-
-        return filter.merged
-    return solve_error.merged if name == "array" else masking.merged
+def _merged(values: list[Any]) -> Any:
+    """Join tables entry by entry: the sum of counts, the largest measure; a word stands in for a measure."""
+    if isinstance(values[0], dict):
+        names = dict.fromkeys(itertools.chain(*values))
+        return {name: _merged([table[name] for table in values if name in table]) for name in names}
+    if isinstance(values[0], list):
+        return [_merged(list(entries)) for entries in zip(*values, strict=True)]
+    if words := [value for value in values if isinstance(value, str)]:
+        return next(filter(None, words), "")
+    return sum(values) if isinstance(values[0], int) else max(values)
 
 
 def _run_part(part: Plan, options: dict[str, Any]) -> Result:

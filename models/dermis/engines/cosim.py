@@ -147,7 +147,7 @@ def _block(plan: Plan, block: masking.Block, analog: str, record: bool) -> Block
         return Block(frame, rows, {}, duty)
     levels = [0.0] * (plan.rows + 1 + plan.cols)  # those of the chip's pins come later
     decks = {
-        part: netlist.frame_deck(plan, frame, levels, record=record, columns=part, first_row=block.first)
+        part: netlist.frame_deck(plan, frame, levels, record=record, columns=part, first_row=rows[0])
         for part in netlist.parts(plan)
     }
     return Block(frame, rows, decks)

@@ -70,19 +70,6 @@ def _finite(value: float) -> float | str:
     return value if math.isfinite(value) else "none"
 
 
-def merged(tables: list[dict[str, Any]]) -> dict[str, Any]:
-    """The table of several parts of one run."""
-    effects: dict[str, list[Any]] = {}
-    for table in tables:
-        for name, (caused, possible, walked) in table["effects"].items():
-            one = effects.setdefault(name, [0.0, 0.0, 0])
-            unbounded = next((bound for bound in (possible, one[1]) if isinstance(bound, str)), None)
-            one[:] = max(one[0], caused), unbounded or max(one[1], possible), one[2] + walked
-    sums = {name: sum(t[name] for t in tables) for name in ("decided", "level_1", "everything")}
-    looseness = statistics.median(t["bound_over_shift"] for t in tables)
-    return sums | {"reason": tables[0]["reason"], "bound_over_shift": looseness, "effects": effects}
-
-
 def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     """Run a plan; the codes are those of engine event.
 

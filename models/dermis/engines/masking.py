@@ -35,16 +35,10 @@ _FULL = 1e3  # duty that stands for any larger one
 
 
 class Block(NamedTuple):
-    """Adjacent rows first..stop-1 of a frame of a plan, read in one scan."""
+    """Adjacent rows of a frame of a plan, read in one scan."""
 
     frame: int
-    first: int
-    stop: int
-
-    @property
-    def rows(self) -> range:
-        """Numbers of the rows."""
-        return range(self.first, self.stop)
+    rows: range
 
 
 @dataclass(frozen=True)
@@ -79,8 +73,8 @@ class Verdict:
         solved = sum(len(block.rows) for block in self.blocks)
         rows: dict[str, list[str]] = {}
         for block in self.blocks:
-            last = f"-{block.stop - 1}" if block.stop > block.first + 1 else ""
-            rows.setdefault(f"frame {first_frame + block.frame}", []).append(f"{block.first}{last}")
+            last = f"-{block.rows[-1]}" if len(block.rows) > 1 else ""
+            rows.setdefault(f"frame {first_frame + block.frame}", []).append(f"{block.rows[0]}{last}")
         return {
             "rows_solved": solved,
             "rows_masked": self.codes.shape[0] * self.codes.shape[1] - solved,
@@ -91,18 +85,9 @@ class Verdict:
         }
 
 
-def merged(tables: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    """The table of several parts of one run."""
-    tables = list(tables)
-    counts = [name for name, value in tables[0].items() if isinstance(value, int)]
-    sums = {name: sum(table[name] for table in tables) for name in counts}
-    rows = {frame: text for table in tables for frame, text in table["rows"].items()}
-    return sums | {"reason": next((t["reason"] for t in tables if t["reason"]), ""), "rows": rows}
-
-
 def everything(plan: Plan, reason: str = "") -> Verdict:
     """Return the verdict that every row has to be solved."""
-    blocks = tuple(Block(frame, 0, plan.rows) for frame in range(plan.frames))
+    blocks = tuple(Block(frame, range(plan.rows)) for frame in range(plan.frames))
     codes = np.zeros(plan.resistance_ohm.shape, code_type(plan.timing.code_max))
     return Verdict(codes, np.ones(codes.shape, bool), blocks, reason=reason)
 
@@ -149,7 +134,7 @@ def _blocks(open_: Bools, memory: NDArray[np.intp]) -> tuple[tuple[Block, ...], 
         solved[frame, row - memory[frame, row] : row] = True
     edges = np.diff(np.pad(solved, ((0, 0), (1, 1))).astype(int), axis=1)
     begins, ends = np.argwhere(edges > 0), np.argwhere(edges < 0)
-    blocks = [Block(int(f), int(r), int(end)) for (f, r), (_, end) in zip(begins, ends, strict=True)]
+    blocks = [Block(int(f), range(r, end)) for (f, r), (_, end) in zip(begins, ends, strict=True)]
     return tuple(blocks), int(solved.sum() - wanted.sum())
 
 
@@ -184,20 +169,17 @@ def _mirrors(plan: Plan, network: Network, g: Floats) -> Floats:
         """Return the inverse of an output after some clocks: kappa u' = 1 - x u (docs/auto_proofs.md)."""
         return 1.0 / settled + (u - 1.0 / settled) * np.exp(-settled * clocks / kappa)
 
-    begin, end = np.empty(x.shape), np.empty(x.shape)
-    u = 1.0 / x[0]
+    faded = np.exp(-x * (timing.settle_clocks - timing.break_clocks) / kappa)
+    faded_slot = np.exp(-x * (timing.slot_clocks - timing.break_clocks) / kappa)
+    # Inverses are linear in time: so is their distance from those of a scan that begins, settled, so many rows before.
+    u, apart = 1.0 / x[0], np.zeros((plan.rows, plan.cols))
     for row in range(plan.rows):
         if row:
             u = later(u, Y_MIN, timing.break_clocks)
-        begin[row] = u = later(u, x[row], timing.settle_clocks - timing.break_clocks)
-        end[row] = u = later(u, x[row], timing.gate_clocks)
-    # Inverses are linear in time: so is their distance from those of a scan that begins, settled, at a later row.
-    left[0] = np.expm1(np.abs(np.log(begin * x)))
-    faded = np.exp(-x * (timing.settle_clocks - timing.break_clocks) / kappa)
-    for row in range(plan.rows):
-        fade = faded[row]
-        for back in range(1, row + 1):
-            left[back, row] = np.abs(end[row - back] - 1.0 / x[row - back]) * fade / begin[row]
-            fade = fade * np.exp(-x[row - back] * (timing.slot_clocks - timing.break_clocks) / kappa)
+        u = later(u, x[row], timing.settle_clocks - timing.break_clocks)
+        left[0, row] = np.expm1(np.abs(np.log(u * x[row])))
+        left[1:, row] = apart * faded[row] / u
+        u = later(u, x[row], timing.gate_clocks)
+        apart = np.concatenate([[np.abs(u - 1.0 / x[row])], apart[:-1] * faded_slot[row]])
     # 2 d covers both signs of log(1 + d) up to d = 0.8.
     return kappa * np.log1p(2.0 * left)

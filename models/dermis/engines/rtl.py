@@ -230,25 +230,18 @@ def run_time_values(
         "I_RANGE": converter.inv_i_range_a * converter.k * converter.i0_a,
         "Q_MIRROR": np.maximum(converter.q_mirror_c * converter.f_clk_hz / converter.i0_a, 1e-15),
     }
-    modes = walk.rows_of(column, 1.0)
-    for name, rows in (("", modes.slow), ("FAST_", modes.fast)):
-        if rows is None:
-            continue
-        of = {
-            n: rows[getattr(walk_loops, n)].reshape(t_a.shape) for n in ("RATE", "DRIVE", "WEIGHT", "START")
-        }
-        keep_a = "FAST_KEEP_A" if name else "KEEP_A"
+    rows = walk.rows_of(column, 1.0)
+    modes = walk_loops.modes_of(rows.cells).reshape(2, 4, *t_a.shape)
+    names = ("", "LEAK", "SLOW_"), ("FAST_", "GBW", "FAST_")
+    for (name, keep_a, of_mode), (rate, drive, weight, _) in zip(names[: 1 + rows.lags], modes, strict=False):
         for piece, length in (("A", t_a), ("B", t_b - t_a), ("C", 1.0 - t_b)):
             with np.errstate(divide="ignore", invalid="ignore"):
-                grown = np.where(of["RATE"] == 0, length, np.expm1(of["RATE"] * length) / of["RATE"])
-            values[f"{name}KEEP_{piece}"] = np.exp(of["RATE"] * length)
-            values[f"{name}FILL_{piece}"] = of["DRIVE"] * grown
-        values["GBW" if name else "LEAK"] = values.pop(keep_a)
-        values["FAST_WEIGHT" if name else "SLOW_WEIGHT"] = of["WEIGHT"]
-        values["FAST_RATE" if name else "SLOW_RATE"] = of["RATE"]
-        values["FAST_DRIVE" if name else "SLOW_DRIVE"] = of["DRIVE"]
-        if name:
-            values["FAST_START"], values["LAG"] = of["START"], column.lag
+                grown = np.where(rate == 0, length, np.expm1(rate * length) / rate)
+            values[keep_a if piece == "A" else f"{name}KEEP_{piece}"] = np.exp(rate * length)
+            values[f"{name}FILL_{piece}"] = drive * grown
+        values |= {f"{of_mode}RATE": rate, f"{of_mode}DRIVE": drive, f"{of_mode}WEIGHT": weight}
+    if rows.lags:
+        values["FAST_START"], values["LAG"] = modes[1, 3], column.lag
     places = value_places()
     out = np.zeros((*column.w0.shape, places["VALUES"]))
     for name, value in values.items():
