@@ -27,7 +27,7 @@ PLAN = "arrays of a plan"
 """The caller makes every array itself from a plan, whose scene and stimulus are validated."""
 GUARDS = {
     "array.star_mesh": dict.fromkeys(
-        ("add_between", "chain", "down", "ladder", "miss", "sum_of_others", "up", "worst_code"),
+        ("add_between", "chain", "down", "ladder", "miss", "sum_of_others", "up"),
         "column_currents",
     ),
     "converter.coupling": {"_walk_over_gate": PLAN},
@@ -93,8 +93,6 @@ def entries(package: Path) -> set[tuple[str, str]]:
             first, dot, rest = name.partition(".")
             full = imported.get(first, first) + dot + rest
             found |= {every[full]} if full in every else set()
-            if name.startswith("self.loops."):  # a module that a class holds
-                found |= {place for place in every.values() if place[1] == name.rpartition(".")[2]}
     return found
 
 

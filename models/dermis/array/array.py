@@ -54,13 +54,7 @@ def column_currents(network: Network, g_frames_s: ArrayLike | None = None) -> Fl
 
     Notes
     -----
-    Nothing on: i = V_b G, no solve. Otherwise row lines are eliminated on paper (they meet only through
-    columns). What is left is one symmetric matrix of the columns, or with resistance along the columns a
-    chain of such matrices from row to row, the same for all slots. That the driven row hangs on another
-    voltage and perhaps another resistance enters afterwards at one node (a rank-1 change in closed form), so
-    there is always one factorisation a frame. Every elimination is a star-mesh transformation
-    (Grassmann-Taksar-Heyman): sums only, diagonals never formed by subtraction, hence shorts next to megaohms
-    lose no digit. docs/array_proofs.md has the derivation, docs/array.md the accuracy and the speed.
+    docs/array.md has what is solved and how exactly ("Reductions"), docs/array_proofs.md the derivation.
 
     Raises
     ------
@@ -191,13 +185,13 @@ def refuse_loops(network: Network, g: Floats) -> None:
 
 def _joined(short: Bools, column: int) -> tuple[Bools, Bools]:
     """Return the rows and columns that shorts [rows, cols] join with one column."""
-    rows, columns = np.zeros(short.shape[0], dtype=bool), np.zeros(short.shape[1], dtype=bool)
-    columns[column], before = True, 0
-    while columns.sum() + rows.sum() > before:
-        before = int(columns.sum() + rows.sum())
-        rows = short[:, columns].any(axis=1)
-        columns |= short[rows].any(axis=0)
-    return rows, columns
+    from scipy.sparse.csgraph import connected_components
+
+    rows = len(short)
+    lines = np.zeros((sum(short.shape),) * 2, dtype=bool)
+    lines[:rows, rows:] = short
+    part = connected_components(lines, directed=False)[1]
+    return part[:rows] == part[rows + column], part[rows:] == part[rows + column]
 
 
 def in_range(network: Network) -> Network:

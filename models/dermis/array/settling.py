@@ -97,8 +97,6 @@ def bound_c(network: Network, g_frames_s: ArrayLike | None, timing: Timing) -> F
     taxel capacitances what their rows still move. A floating row without a taxel that conducts
     keeps its charge and follows the columns through capacitances: it lies within 3 A.
     """
-    if not (network.c_row_f or network.c_column_f or network.c_taxel_f):
-        return np.zeros(network.cols)
     network = in_range(network)
     g = _frames(network, g_frames_s)
     rows, cols = network.rows, network.cols

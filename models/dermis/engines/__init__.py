@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -68,22 +68,17 @@ def _refuses_views(plan: Plan, engine: str) -> InputError | None:
     return InputError(plan.scene.path, "run.engine", quoted(engine), allowed)
 
 
-def _named(plan: Plan) -> tuple[list[str], str]:
-    """Return the engines that a refusal names, and the condition on them."""
+def _able(plan: Plan, values: bool = True) -> Iterator[str]:
+    """Engines that honour every field of a plan, and unless asked otherwise its values; the cheapest first."""
     from dermis.records import ENGINES
 
-    able = [name for name in ENGINES if not refused(plan, name)]
-    if plan.rows * plan.cols > _ASKED_CELLS:
-        return able, " where its values allow it"
-    return [name for name in able if refuses(plan, name) is None], ""
+    able = (name for name in ENGINES if not refused(plan, name))
+    return (name for name in able if not values or refuses(plan, name) is None)
 
 
-def cheapest(plan: Plan, among: Iterable[str] | None = None) -> str | None:
+def cheapest(plan: Plan) -> str | None:
     """Return the cheapest engine that refuses nothing of a plan; None if there is none."""
-    from dermis.records import ENGINES
-
-    able = (name for name in among or ENGINES if not refused(plan, name) and refuses(plan, name) is None)
-    return next(able, None)
+    return next(_able(plan), None)
 
 
 def check(plan: Plan) -> None:
@@ -99,14 +94,15 @@ def _check_fields(plan: Plan) -> None:
         allowed = "left out; boards are for dermis.Skin, dermis read and dermis calibrate"
         raise InputError(plan.scene.path, "front_end", f"not possible with engine {plan.engine}", allowed)
     if lost := refused(plan, plan.engine):
-        able, open_ = _named(plan)
+        large = plan.rows * plan.cols > _ASKED_CELLS
+        able = list(_able(plan, values=not large))
         effects = sorted({effect for name in lost for effect in plan.effects_of_field(name)})
         what = f"effects.{effects[0]}" if effects else sorted(lost)[0]
         if not lost & plan.active_fields() - honours(plan.engine):  # only its views cannot
             allowed = 'run.views = "behavioural" for its block: a block of transistors takes no parameters'
             raise InputError(plan.scene.path, what, "not possible with these run.views", allowed)
         allowed = (
-            f"engine {' or '.join(able)}{open_}"
+            f"engine {' or '.join(able)}{' where its values allow it' * large}"
             if able
             else "no engine can do all of this scene's effects together"
         )

@@ -61,8 +61,21 @@ def run(
         raise InputError("command line", "--processes", processes, allowed)
     if processes <= 1 or plan.frames == 1:
         return engines.run(plan, progress, **options)
+    light, todo = replace(plan, force_n=None), bounds(plan, processes)  # no engine reads forces
+    calls = ((_run_part, (light.part(*part), options)) for part in todo)
+    results: dict[int, Result] = {}
+    done = 0
     with pool.workers(min(processes, plan.frames), pool.ONE_THREAD) as executor:
-        return _run_parts(plan, executor, processes, progress, options)
+        for index, task in spread(calls, executor, processes):
+            first, stop = todo[index]
+            try:
+                results[index] = task.result()
+            except pool.WorkerLost as error:
+                raise SimulatorError(f"frames {first} to {stop - 1}: {error.what}") from None
+            done += (stop - first) * plan.rows
+            if progress is not None:
+                progress(done)
+    return _joined([results[i] for i in range(len(todo))], [stop - first for first, stop in todo])
 
 
 def bounds(plan: Plan, workers: int) -> list[tuple[int, int]]:
@@ -95,30 +108,6 @@ def spread(
             yield index, task
 
 
-def _run_parts(
-    plan: Plan,
-    executor: Executor,
-    workers: int,
-    progress: Callable[[int], None] | None,
-    options: dict[str, Any],
-) -> Result:
-    light = replace(plan, force_n=None)  # no engine reads it
-    todo = bounds(plan, workers)
-    results: dict[int, Result] = {}
-    done = 0
-    calls = ((_run_part, (light.part(*part), options)) for part in todo)
-    for index, task in spread(calls, executor, workers):
-        first, stop = todo[index]
-        try:
-            results[index] = task.result()
-        except pool.WorkerLost as error:
-            raise SimulatorError(f"frames {first} to {stop - 1}: {error.what}") from None
-        done += (stop - first) * plan.rows
-        if progress is not None:
-            progress(done)
-    return _joined([results[i] for i in range(len(todo))], [stop - first for first, stop in todo])
-
-
 def _joined(parts: list[Result], frames: list[int]) -> Result:
     def join(values: list[Any]) -> Any:
         sizes = [len(v) if isinstance(v, np.ndarray) and v.ndim else None for v in values]
@@ -127,7 +116,7 @@ def _joined(parts: list[Result], frames: list[int]) -> Result:
         return values[0] if all(np.array_equal(values[0], v) for v in values[1:]) else None
 
     info = {name: join([part.info.get(name) for part in parts]) for name in parts[0].info}
-    for name in ("array", "filter", "masked"):  # neither arrays by frame nor alike in all parts
+    for name in ("array", "filter"):  # neither arrays by frame nor alike in all parts
         if tables := [part.info[name] for part in parts if name in part.info]:
             info[name] = _merged(tables)
             if name == "filter":

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dermis import bounds
 from dermis.bounds import Bounding
 from dermis.converter import course, injection, noise, walk
+from dermis.converter import decide as loops
 from dermis.converter.coupling import G_ACROSS_S, couples
 from dermis.converter.vfc import code_type
 from dermis.effects import EFFECTS
@@ -113,10 +114,6 @@ class _Part:
     """Some frames of a plan: solved, bounded and counted."""
 
     def __init__(self, plan: Plan, part: slice, table: Table, apart_lsb: Floats | float = 0.0) -> None:
-        # Loading the compiled loop takes a moment that a scene without it does not need to wait.
-        from dermis.converter import decide
-
-        self.loops = decide
         self.plan, self.part, self.table = plan, part, table
         self.g = plan.conductance_s(part)
         self.active = plan.active_fields()
@@ -150,7 +147,7 @@ class _Part:
                 # Straight on from the gate, back to the start of the slot; a bend is at most twice the largest.
                 back = timing.settle_clocks / timing.gate_clocks
                 idle *= 1.0 + 2.0 * back + 8.0 * back * (1.0 + back)
-        self.gate = self.loops.Gate(
+        self.gate = loops.Gate(
             timing.gate_clocks, timing.settle_clocks, timing.break_clocks, timing.code_max, float(plan.budget_lsb),
             float(drive.ripple), reach, bool(drive.motion),
             self.slow_mirror, plan.topology == "direct", self.random,
@@ -159,17 +156,15 @@ class _Part:
         for bound in self.table.functions.values():
             on[bound.number] = bound.factor
         self.columns = bounds.columns(c)
-        solved = self.loops.Run(
+        solved = loops.Run(
             self.gate_currents, self.g_column_s, idle, swing_sum, apart_lsb, self.seed, self.first
         )
         values = np.empty((3, *shape))
         open_, whole = np.empty(shape, dtype=bool), np.empty((2, *shape), dtype=np.int64)
         mirrors = np.empty((6, *shape) if self.slow_mirror else (6, 1, 1, 1))
-        self.s = self.loops.Solved(
-            values[0], mirrors[:2], mirrors[2], mirrors[3:], *values[1:], open_, *whole
-        )
-        ratios = np.empty(self.g.size // self.loops.EACH + 1)
-        sampled, self.drawn = self.loops.decide_cells(
+        self.s = loops.Solved(values[0], mirrors[:2], mirrors[2], mirrors[3:], *values[1:], open_, *whole)
+        ratios = np.empty(self.g.size // loops.EACH + 1)
+        sampled, self.drawn = loops.decide_cells(
             self.gate, on, self.columns, solved, self.s, self.table.tally, ratios
         )
         if sampled:
@@ -211,7 +206,7 @@ class _Part:
         depth = np.zeros(cells[0].size, dtype=np.intp)
         if self.slow_mirror:
             mirrors = self.s.passed, self.s.begin, self.s.end
-            self.loops.remembered(self.gate, *mirrors, self.columns[bounds.KAPPA], *cells, depth)
+            loops.remembered(self.gate, *mirrors, self.columns[bounds.KAPPA], *cells, depth)
         return depth
 
     def _idle_course(self, cells: Cells) -> Floats | None:

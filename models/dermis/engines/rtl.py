@@ -124,8 +124,8 @@ def build(plan: Plan, effects: int, currents: Currents, simulator: str, sync_lat
         **hdl.reader_parameters(plan, sync_latch),
         "TOPOLOGY": TOPOLOGIES.index(plan.topology),
         "EFFECTS": effects,
-        "TERMS": currents.terms,
-        "DARK": currents.idle,
+        "TERMS": currents.basis.shape[1],
+        "DARK": currents.cells.shape[-1] // currents.basis.shape[1] - 1,
     }
     main = MODELS / ("skin_main.cpp" if simulator == "verilator" else "skin_alone.sv")
     # Listed by their paths from the root; a copy has them elsewhere.
@@ -139,17 +139,15 @@ class Currents:
 
     Attributes
     ----------
-    cells : [frames, rows, cols, (1 + idle) terms], the input of course.sv
-    basis : [1 + clocks of a slot, terms], functions of time where a row is driven, and as means over a slot's clocks
-    terms : 1 where a current is constant in its slot
-    idle : 1 where a slow mirror sees a current in the break after a row
+    cells : [frames, rows, cols, terms], the input of course.sv; twice as many where a slow mirror sees a current in the
+        break after a row
+    basis : [1 + clocks of a slot, terms], functions of time where a row is driven, and as means over a slot's clocks;
+        one term where a current is constant in its slot
     coupling : how columns of the direct interface move each other; its current is in `cells` already
     """
 
     cells: Floats
     basis: Floats
-    terms: int = 1
-    idle: int = 0
     coupling: coupling.Coupling | None = None
 
 
@@ -165,7 +163,7 @@ def currents_of(plan: Plan, part: slice) -> Currents:
             unit = np.clip(current / (converter.k * converter.i0_a), -most, most)
         if coupled is not None:
             unit = unit + coupled.x
-        return Currents(unit[..., np.newaxis], np.ones((1, 1)), coupling=coupled)
+        return Currents(unit[..., np.newaxis], np.ones((1, 1)), coupled)
     slots = course.Slots(plan, part)
     gain = np.tile(converter.gain, slots.frames)
     # A row is followed by the break in front of the next one.
@@ -175,7 +173,7 @@ def currents_of(plan: Plan, part: slice) -> Currents:
     if slots.coupling is not None:
         cells[..., 0] += slots.coupling.x
     basis = np.concatenate([slots.basis.begin[np.newaxis], slots.basis.mean])
-    return Currents(cells, basis, slots.terms.shape[1], int(slots.idle is not None), slots.coupling)
+    return Currents(cells, basis, slots.coupling)
 
 
 def write_inputs(
@@ -192,7 +190,7 @@ def write_inputs(
         file.write(np.array([frames], dtype=">i8").tobytes())
         file.write(values[0, 0].astype(">f8").tobytes())
         file.write(np.concatenate(blocks, axis=1).astype(">f8").tobytes())
-    if currents.terms > 1:
+    if currents.basis.shape[1] > 1:
         (work / "basis.bin").write_bytes(currents.basis.astype(">f8").tobytes())
 
 
