@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bounds of the filter: codes of every effect are those of engine event, and without a bound they are not."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -59,24 +58,6 @@ def test_codes_of_an_effect_are_those_of_engine_event(name: str) -> None:
     assert runs(name)
     for plan, codes in runs(name):
         assert wrong(plan, codes) == 0
-
-
-def caught(monkeypatch: pytest.MonkeyPatch, fault: Callable[[Any], Any]) -> set[str]:
-    """Effects that have wrong codes once their bound is changed."""
-    found = set()
-    for name in BOUNDED:
-        effect = EFFECTS[name]
-        with monkeypatch.context() as patch:
-            patch.setitem(EFFECTS, name, replace(effect, bound=fault(effect.bound)))
-            if any(wrong(*run) for run in runs(name)):
-                found.add(name)
-    return found
-
-
-def test_a_bound_of_nothing_or_of_half_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seeded faults. Sheets that stand still show nothing of motion, and examples beyond every bound are walked."""
-    assert len(caught(monkeypatch, lambda _: bounds.honoured)) > len(BOUNDED) / 2
-    assert caught(monkeypatch, lambda bound: replace(bound, factor=0.5)) >= {"supply_ripple"}
 
 
 def test_an_effect_without_a_bound_keeps_every_cell_open(monkeypatch: pytest.MonkeyPatch) -> None:

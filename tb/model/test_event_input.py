@@ -193,14 +193,6 @@ def test_a_slow_mirror_is_exact_however_far_its_input_jumps(tmp_path: Path, far:
     assert (np.abs(event.run(plan).info["x"][0] - expected) <= 2e-13 * (x[:, np.newaxis] + 50 * kappa)).all()
 
 
-@pytest.mark.paper
-def test_slow_mirror_carries_a_bright_row_into_a_dark_one_and_wakes_up_late(tmp_path: Path) -> None:
-    ohm = np.array([600.0, np.inf, 1e5, 1e5]).reshape(1, 4, 1)
-    codes = event.run(made(tmp_path, ohm, {"mirror_lag": {"q_c": 1e-12}})).codes[0, :, 0].astype(int)
-    # Packets left over by the row before: kappa ln(1 + x t / kappa) of 0.2 packets grows for ever, but slowly.
-    assert (np.abs(codes - [212, 0, 1, 1]) <= 1).all()
-
-
 @pytest.mark.parametrize(
     "effects", [{}, {"supply_ripple": RIPPLE, "motion": True, **SERIES}, {"line_capacitance": True, **SERIES}]
 )
