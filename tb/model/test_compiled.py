@@ -27,7 +27,7 @@ PLAN = "arrays of a plan"
 """The caller makes every array itself from a plan, whose scene and stimulus are validated."""
 GUARDS = {
     "array.star_mesh": dict.fromkeys(
-        ("add_between", "chain", "down", "ladder", "miss", "sum_of_others", "up"),
+        ("add_between", "chain", "down", "ladder", "miss", "sum_of_others", "up", "worst_code"),
         "column_currents",
     ),
     "converter.coupling": {"_walk_over_gate": PLAN},

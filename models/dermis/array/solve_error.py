@@ -167,11 +167,10 @@ class ErrorRecord:
                 total, error = driven, of(part, np.abs(driven))
                 if rest is not None:
                     total, error = driven + rest, error + rest_error
-                low, high = (np.clip(v, -self.reach_a, self.reach_a) for v in (total - error, total + error))
-                off = (high - low) / 2 / self.lsb_a
-            off = np.where(off >= 0.0, off, np.inf)  # what is no number is neither
-            at = np.unravel_index(np.argmax(off), off.shape)
-            worst, where = float(off[at]), f"row {at[1]}, column {at[2]}"
+            from dermis.array import star_mesh  # compiled: numba takes 0.4 s to load
+
+            worst, row, column = star_mesh.worst_code(total, error, self.reach_a, self.lsb_a)
+            where = f"row {row}, column {column}"
         if not worst <= LIMIT_LSB:
             raise SimulatorError(
                 f"array solve: the current of {where} is uncertain by {worst:.1e} LSB (limit {LIMIT_LSB:g}), since "

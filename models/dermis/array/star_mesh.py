@@ -137,6 +137,26 @@ def sum_of_others(values):  # type: ignore
 
 
 @_compiled
+def worst_code(total, error, reach, lsb):  # type: ignore
+    """Largest error of currents [frames, rows, cols] in codes within `reach`, its row and its column;
+    NaN counts as infinite.
+    """
+    frames, rows, n = total.shape
+    worst, row, column = -1.0, 0, 0
+    for f in range(frames):
+        for r in range(rows):
+            for c in range(n):
+                low = min(max(total[f, r, c] - error[f, r, c], -reach[c]), reach[c])
+                high = min(max(total[f, r, c] + error[f, r, c], -reach[c]), reach[c])
+                # max and min of a NaN may drop it
+                known = total[f, r, c] + error[f, r, c] == total[f, r, c] + error[f, r, c]
+                off = (high - low) / 2 / lsb[c] if known else np.inf
+                if off > worst:
+                    worst, row, column = off, r, c
+    return worst, row, column
+
+
+@_compiled
 def _relative(left, right, floor):  # type: ignore
     """Relative miss between two sums of 0 or above; inf for what is no number."""
     miss = abs(left - right) / (left + right + floor)

@@ -86,10 +86,51 @@ def _decide(x, clipped, level, error, packet, gate):  # type: ignore
     return least, open_
 
 
+class SlotInput(namedtuple("SlotInput", "mean away swing bent apart start middle least largest")):
+    """Input of a converter through a slot, in packets a clock.
+
+    `mean` over the gate, and how far any clock of it is `away`; `swing` the amplitude of the ripple, `bent` packets of
+    second order over the gate, `apart` how far motion alone is from the mean. From where the row is driven to the gate
+    the input begins at `start`, is `middle` on the way, and stays between `least` and `largest`.
+    """
+
+    __slots__ = ()
+
+
 @_compiled
 def _parabola(begin, end, bend, t):  # type: ignore
     """Value at time t in gates of what runs from `begin` to `end` with 4 `bend` t (1 - t) on top."""
     return begin + t * (end - begin + 4.0 * (1.0 - t) * bend)
+
+
+@_compiled
+def _slot_input(gate, ahead, per_a, squeeze, driven, later, bend, other, other_later, other_bend):  # type: ignore
+    """SlotInput of a slot that begins `ahead` gates before its gate, from column currents in ampere.
+
+    `driven` follows the bias, `other` does not. Motion runs straight on before the gate.
+    """
+    size, ripple = abs(per_a), abs(gate.ripple * per_a)
+    begin, end, curve = driven + other, later + other_later, bend + other_bend
+    apart = (0.5 * abs(end - begin) + abs(curve)) * size
+    mean_driven = 0.5 * (driven + later) + (2.0 / 3.0) * bend
+    mean = (mean_driven + 0.5 * (other + other_later) + (2.0 / 3.0) * other_bend) * per_a
+    swing, bent = gate.ripple * mean_driven * per_a, abs(gate.ripple) * gate.clocks * apart
+    reach = ripple * (max(abs(driven), abs(later)) + abs(bend)) + apart
+    low, high = mean - reach, mean + reach
+    # What a parabola leaves its chord before the gate.
+    bow = ahead * ahead
+    before = max(abs(driven), abs(_parabola(driven, later, bend, -ahead))) + bow * abs(bend)
+    spread = ripple * before + bow * abs(curve) * size
+    begin, start = begin * per_a, _parabola(begin, end, curve, -ahead) * per_a
+    middle, least, largest = 0.5 * (begin + start), min(begin, start) - spread, max(begin, start) + spread
+    if squeeze > 0.0:
+        bent += gate.clocks * squeeze * reach**2
+        low, high = low / (1.0 + squeeze * abs(low)), high / (1.0 + squeeze * abs(high))
+        start, middle = start / (1.0 + squeeze * abs(start)), middle / (1.0 + squeeze * abs(middle))
+        least, largest = least / (1.0 + squeeze * abs(least)), largest / (1.0 + squeeze * abs(largest))
+        slope = 1.0 / (1.0 + squeeze * abs(mean))
+        mean, swing = mean * slope, swing * slope * slope
+    return SlotInput(mean, max(mean - low, high - mean), swing, bent, apart, start, middle, least, largest)
 
 
 @_compiled
@@ -201,10 +242,9 @@ class Run(namedtuple("Run", "currents g_column idle swing_sum apart_lsb seed fir
     __slots__ = ()
 
 
-# Input of the converters of one row through a slot, [INPUTS, cols] in packets a clock: mean over the gate, how far any
-# clock of it is away, amplitude of the ripple; packets of motion alone, and of second order, over the gate. Of slow
-# mirrors three each, as solved, the lowest and the highest: input where the first row begins, before the gate and in
-# it; 1 over the output, and the output where the gate begins and ends.
+# Inputs of the converters of one row [INPUTS, cols], as in SlotInput; `MOVES` packets of motion alone. Of slow mirrors
+# three each, as solved, the lowest and the highest: input where the first row begins, before the gate and in the gate;
+# 1 over the output, and the output where the gate begins and ends.
 MEAN, AWAY, SWING, MOVES, BENT = range(5)
 START, BEFORE, DURING, INVERSE, BEGIN, END, INPUTS = range(5, 26, 3)
 
@@ -217,53 +257,32 @@ def _finite(table, run, part, instant, f, r, c):  # type: ignore
 
 
 @_part
-def _input(gate, table, run, row, f, r, c, passed):  # type: ignore
-    """Fill the input of a converter in `row`, and `passed` of Solved.
-
-    Of its currents `driven` follows the bias, `other` does not. Motion runs straight on before the gate, out of the
-    range that it has in the gate.
-    """
-    driven = later = _finite(table, run, 0, 0, f, r, c)
-    other = other_later = _finite(table, run, 1, 0, f, r, c)
-    bend = other_bend = 0.0
-    if gate.motion:
-        later, other_later = _finite(table, run, 0, 1, f, r, c), _finite(table, run, 1, 1, f, r, c)
-    if run.currents.shape[1] > 2:
-        bend, other_bend = _finite(table, run, 0, 2, f, r, c), _finite(table, run, 1, 2, f, r, c)
-    per_a, squeeze = table[of.PER_A, c], table[of.SQUEEZE, c]
-    size, ripple = abs(per_a), abs(gate.ripple * per_a)
-    begin, end, curve = driven + other, later + other_later, bend + other_bend
-    apart = (0.5 * abs(end - begin) + abs(curve)) * size
-    mean_driven = 0.5 * (driven + later) + (2.0 / 3.0) * bend
-    mean = (mean_driven + 0.5 * (other + other_later) + (2.0 / 3.0) * other_bend) * per_a
-    swing, bent = gate.ripple * mean_driven * per_a, abs(gate.ripple) * gate.clocks * apart
-    reach = ripple * (max(abs(driven), abs(later)) + abs(bend)) + apart
-    low, high = mean - reach, mean + reach
-    # Start of the slot's settling in gates, and what a parabola leaves its chord before the gate.
-    ahead = (gate.settle - gate.pause) / gate.clocks
-    bow = ahead * ahead
-    before = max(abs(driven), abs(_parabola(driven, later, bend, -ahead))) + bow * abs(bend)
-    spread = ripple * before + bow * abs(curve) * size
-    begin, start = begin * per_a, _parabola(begin, end, curve, -ahead) * per_a
-    middle, least, largest = 0.5 * (begin + start), min(begin, start) - spread, max(begin, start) + spread
-    if squeeze > 0.0:
-        bent += gate.clocks * squeeze * reach**2
-        low, high = low / (1.0 + squeeze * abs(low)), high / (1.0 + squeeze * abs(high))
-        start, middle = start / (1.0 + squeeze * abs(start)), middle / (1.0 + squeeze * abs(middle))
-        least, largest = least / (1.0 + squeeze * abs(least)), largest / (1.0 + squeeze * abs(largest))
-        slope = 1.0 / (1.0 + squeeze * abs(mean))
-        mean, swing = mean * slope, swing * slope * slope
-    away = max(mean - low, high - mean)
-    row[MEAN, c], row[AWAY, c], row[SWING, c] = mean, away, swing
-    row[MOVES, c], row[BENT, c] = 0.25 * gate.clocks * apart, bent
-    if gate.slow_mirror:
-        row[START, c], row[START + 1, c], row[START + 2, c] = start, least, largest
-        row[BEFORE, c], row[BEFORE + 1, c], row[BEFORE + 2, c] = middle, least, largest
-        row[DURING, c], row[DURING + 1, c], row[DURING + 2, c] = mean, mean - away, mean + away
-        settling = max(least, Y_MIN) * (gate.settle - gate.pause)
-        off = (abs(swing) * gate.swing_reach + bent) / gate.clocks
-        passed[0, f, r, c] = settling
-        passed[1, f, r, c] = settling + max(mean - off, Y_MIN) * gate.clocks
+def _inputs_of_row(gate, table, run, row, f, r, passed):  # type: ignore
+    """Fill the inputs of `row`, and `passed` of Solved."""
+    # Start of the slot's settling in gates: motion goes on straight there, out of the range that it has in the gate.
+    ahead, per_clock = (gate.settle - gate.pause) / gate.clocks, 1.0 / gate.clocks
+    for c in range(row.shape[1]):
+        driven = later = _finite(table, run, 0, 0, f, r, c)
+        other = other_later = _finite(table, run, 1, 0, f, r, c)
+        bend = other_bend = 0.0
+        if gate.motion:
+            later, other_later = _finite(table, run, 0, 1, f, r, c), _finite(table, run, 1, 1, f, r, c)
+        if run.currents.shape[1] > 2:
+            bend, other_bend = _finite(table, run, 0, 2, f, r, c), _finite(table, run, 1, 2, f, r, c)
+        given = _slot_input(
+            gate, ahead, table[of.PER_A, c], table[of.SQUEEZE, c], driven, later, bend, other, other_later, other_bend
+        )  # fmt: skip
+        row[MEAN, c], row[AWAY, c], row[SWING, c] = given.mean, given.away, given.swing
+        row[MOVES, c], row[BENT, c] = 0.25 * gate.clocks * given.apart, given.bent
+        if gate.slow_mirror:
+            row[START, c], row[START + 1, c], row[START + 2, c] = given.start, given.least, given.largest
+            row[BEFORE, c], row[BEFORE + 1, c], row[BEFORE + 2, c] = given.middle, given.least, given.largest
+            row[DURING, c] = given.mean
+            row[DURING + 1, c], row[DURING + 2, c] = given.mean - given.away, given.mean + given.away
+            settling = max(given.least, Y_MIN) * (gate.settle - gate.pause)
+            off = (abs(given.swing) * gate.swing_reach + given.bent) * per_clock
+            passed[0, f, r, c] = settling
+            passed[1, f, r, c] = settling + max(given.mean - off, Y_MIN) * gate.clocks
 
 
 @_part
@@ -377,8 +396,7 @@ def decide_cells(gate, on, table, run, out, tally, ratios):  # type: ignore
     sampled = drawn = number = 0
     for f in range(frames):
         for r in range(rows):
-            for c in range(cols):
-                _input(gate, table, run, row, f, r, c, out.passed)
+            _inputs_of_row(gate, table, run, row, f, r, out.passed)
             if gate.slow_mirror:
                 for way in range(3):
                     _mirrors(

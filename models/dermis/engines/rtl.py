@@ -8,7 +8,6 @@ differs from column to column comes in at run time.
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -202,8 +201,7 @@ def run_time_values(
     converter, active = plan.converter, plan.active_fields()
     column = walk.cells_of(plan, np.zeros(g.shape), g, coupled)
     if not each:
-        first = {f.name: getattr(column, f.name)[:, :1] for f in dataclasses.fields(column)}
-        column = dataclasses.replace(column, **first)
+        column = walk.Cells(**{name: value[:, :1] for name, value in vars(column).items()})
 
     # Pieces of a clock: a until the comparator is looked at or the latch opens, whichever is first; b until the
     # other; c the rest.
