@@ -132,6 +132,8 @@ TESTS = {
     sim = cosim({"dut.code": Drive("vd_a", high=0.25), "dut.level": Drive("vd_b", low=0.1, high=1.1)},
                 probes=["d_a", "d_b"])
     assert await said(dut, sim, 40) == ""
+    two = cosim({"dut.level": Drive(["vd_a", "vd_b"])})
+    assert (await said(dut, two, 1)).endswith("= ('vd_a', 'vd_b'): one source")
     code, level = sim.samples["d_a"][2:] / 0.25, sim.samples["d_b"][2:] - 0.1
     assert np.allclose(np.diff(code) % 16, 1.0, rtol=0, atol=1e-9)  # volt
     assert np.allclose(level[1:], 0.125 * code[:-1], rtol=0, atol=1e-9), (level, code)  # a clock later

@@ -269,7 +269,7 @@ class Cosim:
         for name, (drive, own) in self._inputs.items():
             count = loop.net(handles[name], drive.low, drive.high, isinstance(drive.source, str))
             if len(own) != count:
-                raise self._wrong(name, own, f"one source, or {count}")
+                raise self._wrong(name, own, "one source" + f", or {count}" * (count > 1))
             for source in own:
                 if source.lower() in taken:
                     raise self._wrong(name, source, "a source that no other bit drives")
