@@ -19,32 +19,13 @@ Choose = Callable[[Sequence[Any]], Any]
 T_FRAME_S = 0.02
 
 NAMES = [
-    "r{r}c{c}",
-    "row{r1}_col{c1}",
-    "c{c}_r{r}",
-    "taxel_{n}",
-    "P{n:04d}",
-    "p{n1}",
-    "s[{r}][{c}]",
-    "{n}",
-    "x{c}y{r}",
-]
-NAMES += ["hand0_{n} [N]"]
+    "r{r}c{c}", "row{r1}_col{c1}", "c{c}_r{r}", "taxel_{n}", "P{n:04d}", "p{n1}", "s[{r}][{c}]", "{n}", "x{c}y{r}",
+    "hand0_{n} [N]",
+]  # fmt: skip
 """Names by row and column from 0 or 1, and by number; `name_of` fills them in."""
 EXTRA = [
-    "sum",
-    "cop_x",
-    "flags",
-    "imu_0",
-    "index",
-    "Unnamed: 0",
-    "temperature",
-    "seq",
-    "left",
-    "p_max",
-    "q1",
-    "",
-]
+    "sum", "cop_x", "flags", "imu_0", "index", "Unnamed: 0", "temperature", "seq", "left", "p_max", "q1", "",
+]  # fmt: skip
 TIMES = {"time": 1, "time_ms": 1e3, "Time [ms]": 1e3, "t_us": 1e6, "stamp_ns": 1e9, "time (s)": 1, "t": 1}
 
 

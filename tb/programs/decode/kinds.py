@@ -38,13 +38,12 @@ STAMPS = [EPOCH_NS + 20_000_000 * n for n in range(COUNT)]
 class Case:
     """A file and the truth about it; None: that of the known recording.
 
-    `content` may be a program that writes the file, `options` are those of `recording.Layout`. `values` [frames, rows,
+    `content` may be a program that writes `file`, `options` are those of `recording.Layout`. `values` [frames, rows,
     cols] are NaN where a value is missing or, in every frame, where there is no taxel; `time_s` counts from the first
     frame. `asks` is the option that the question must name, for a file that does not tell the answer; `says` are words
     of a warning.
     """
 
-    file: str
     content: str | bytes | Callable[[Path], None]
     options: dict[str, Any] = field(default_factory=dict)
     values: Floats | None = None
@@ -53,6 +52,7 @@ class Case:
     area_mm2: float | None = None
     asks: str = ""
     says: str = ""
+    file: str = "a.csv"
 
 
 def fault(case: Case, directory: Path) -> str | None:
@@ -159,7 +159,7 @@ def tekscan(
         lines += ["", label.format(n=n + 1, t=0.02 * n), *map(mark.join, rows)]
     text, name = "\n".join([*lines, "@@"]) + "\n", {"N": "newtons", "Raw": None}.get(unit, "kpa")
     says = "" if there.all() else "1 frame lost"
-    return Case("a.asf", text, {}, NO_SENSEL[there] * factor, TIME[there], name, 25.0, says=says)
+    return Case(text, {}, NO_SENSEL[there] * factor, TIME[there], name, 25.0, says=says, file="a.asf")
 
 
 def xsensor() -> str:
@@ -226,9 +226,15 @@ def mat73(path: Path) -> None:
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + path.read_bytes()[512:])
 
 
-def parquet(made: dict[str, Any]) -> Callable[[Path], None]:
-    """Return a program that writes columns as Parquet."""
-    return lambda path: pq.write_table(pa.table(made), path)
+def parquet(made: dict[str, Any], options: dict[str, Any] | None = None, **told: Any) -> Case:
+    """Return the case of columns as Parquet."""
+    told = {"file": "a.parquet"} | told
+    return Case(lambda path: pq.write_table(pa.table(made), path), options or {}, **told)
+
+
+def npy(array: NDArray[Any], options: dict[str, Any], **told: Any) -> Case:
+    """Return the case of an array without times."""
+    return Case(output.npy_bytes(array), RATE | options, file="a.npy", **told)
 
 
 def columns(name: Callable[[int, int], str], order: str = "rows") -> dict[str, Floats]:
@@ -260,21 +266,30 @@ def header(ns: int) -> Any:
 
 
 def bag(
-    topics: dict[str, Topic], storage: str = "mcap", file: bool = False, received: Sequence[int] = STAMPS
-) -> Callable[[Path], None]:
-    """Return a program that writes a bag, or its one file, of messages by topic, each with its type."""
+    topics: Topic | dict[str, Topic],
+    options: dict[str, Any] | None = None,
+    values: Floats | None = None,
+    *,
+    storage: str = "mcap",
+    file: str = "a",
+    received: Sequence[int] = STAMPS,
+    **told: Any,
+) -> Case:
+    """Return the case of a bag, or of its one file, of messages by topic, each with its type, or of those of /skin."""
+
+    by_topic = topics if isinstance(topics, dict) else {"/skin": topics}
 
     def write(path: Path) -> None:
-        place = path.with_suffix(".bag") if file else path
+        place = path.with_suffix(".bag") if path.suffix else path
         with Writer(place, version=9, storage_plugin=StoragePlugin[storage.upper()]) as made:
-            for topic, (kind, messages) in topics.items():
+            for topic, (kind, messages) in by_topic.items():
                 connection = made.add_connection(topic, kind, typestore=STORE)
                 for ns, message in zip(received, messages, strict=True):
                     made.write(connection, ns, STORE.serialize_cdr(message, kind))
-        if file:
+        if path.suffix:
             shutil.move(next(p for p in place.iterdir() if p.name != "metadata.yaml"), path)
 
-    return write
+    return Case(write, options or {}, values, file=file, **told)
 
 
 SINGLE = FRAMES.astype(np.float32).astype(float)
@@ -341,21 +356,26 @@ LISTED = own("Listed", lambda ns, f: (header(ns), [T["sensor_msgs/msg/ChannelFlo
 LATE = [ns + 3_000_000 * (n % 3) for n, ns in enumerate(STAMPS)]
 """Times of reception that jitter by up to 6 ms."""
 
-DATES = [f"25.04.2023 10:49:00,{20 * n:03d}" for n in range(COUNT)]
 OWN_OUTPUT = output.csv_of(FRAMES, "g", TIME)
 
 
+def every(form: str, step: int = 20) -> list[str]:
+    """Return a cell for every frame, with milliseconds that rise by a step."""
+    return [form.format(step * n) for n in range(COUNT)]
+
+
 def csv(
-    name: Callable[[int, int], str] | None, lead: dict[str, Sequence[str]], asks: str = "", **of: Any
+    name: Callable[[int, int], str] | None, lead: dict[str, Sequence[str]] | None = None, **told: Any
 ) -> Case:
-    """Return the case of a csv of a known size."""
-    options = SIZE if "time" in " ".join(lead).lower() else SIZE | RATE
-    return Case("a.csv", table(name, lead, **of), options, asks=asks)
+    """Return the case of a csv: of a known size, and of a known rate if no column is a time, if not told otherwise."""
+    options = SIZE if "time" in " ".join(lead or {}).lower() else SIZE | RATE
+    made = {key: told.pop(key) for key in ("order", "mark", "point", "middle") if key in told}
+    return Case(table(name, lead, **made), **({"options": options} | told))
 
 
-def by_time(name: Callable[[int, int], str], order: str = "rows", asks: str = "", **options: int) -> Case:
+def by_time(name: Callable[[int, int], str], order: str = "rows", **told: Any) -> Case:
     """Return the case of a csv with a column of time, and no option unless given."""
-    return Case("a.csv", table(name, {"time": seconds()}, order), options, asks=asks)
+    return csv(name, {"time": seconds()}, order=order, **({"options": {}} | told))
 
 
 # From the definitions: a standard atmosphere is 101.325 kPa, 760 mmHg and 14.69595 psi.
@@ -367,7 +387,7 @@ LINES = [f"Frame {n}\n" + ",".join(cells(f.ravel())) for n, f in enumerate(FRAME
 LINES_LOST = "\n".join(LINES[:4] + LINES[5:])
 UNITS = ",".join(["ms"] + ["psi"] * ROWS * COLS)
 WITH_UNITS = table(flat, {"time": seconds(1e3)}).replace("\n", f"\n{UNITS}\n", 1)
-INDEX = {"": [str(n) for n in range(COUNT)]}
+INDEX = {"": every("{}", 1)}
 SUM = {"sum": ["7"] * COUNT, "time": seconds()}
 IMU = {"imu_0": ["5"] * COUNT, "imu_1": ["6"] * COUNT}
 ROS = {"%time": list(map(str, STAMPS)), "field.header.seq": INDEX[""]}
@@ -381,7 +401,6 @@ KPA25 = {"unit": "kpa", "area_mm2": 25.0}
 LOST_LINE = np.delete(FRAMES, 4, 0), np.delete(TIME, 4)
 LOST_ROWS = [(7, 3), (8, 0)]
 BLANK_LINES = table(None).replace("\n", "\r\n\r\n")
-GAPS = ("nan", "", "-", "null", "N/A")
 STRIDES = arrays("Float64", np.ravel, [("rows", 4, 6), ("cols", 6, 1)])
 OVERLAP = arrays("Float64", np.ravel, [("rows", 4, 3), ("cols", 6, 3)])
 TWICE = arrays("Float64", lambda f: np.r_[f, f].ravel(), DIMS)
@@ -389,11 +408,13 @@ RGB = images(lambda f: np.zeros((4, 6, 3), "u1"), "rgb8")
 SINGLES = images(lambda f: f.astype("<f4"), "32FC1")
 PADDED = arrays("Int16", padded, [("y", 4, 32), ("x", 6, 8)], 2)
 SOME_NAMES = {"t": TIME, **columns(lambda r, c: flat(r, c) if r < 3 else f"p{r * COLS + c + 5}")}
-RECEPTION = {"time_key": "reception"}
 HEARD_S = (np.array(LATE) - LATE[0]) * 1e-9
 
 DAYS = {"date": [f"2024-03-{4 + 25 * n // 24:02d}" for n in range(COUNT)]}
 DAYS["time"] = [f"{25 * n % 24:02d}:00:00" for n in range(COUNT)]
+HOURS_25 = 90_000.0 * np.arange(COUNT)
+SLASHES = {"date": [day.replace("-", "/") for day in DAYS["date"]], "time": DAYS["time"]}
+DAYS_FIRST = {"date": [f"{n + 1}/03/2024" for n in range(COUNT)], "time": ["10:00:00"] * COUNT}
 SLOW = [1_020_000 * n for n in range(COUNT)]
 PARTS = {"sec": [str(us // 10**6) for us in SLOW], "usec": [str(us % 10**6) for us in SLOW]}
 EXCEL = {"time": [f"{45352 + n / 1440:.8f}" for n in range(COUNT)]}
@@ -414,6 +435,9 @@ THOUSANDS = table(flat).splitlines()[0] + ('\n"1,234"' + ",985" * (ROWS * COLS -
 CUT = FRAMES.copy()
 CUT[-1, -1, -1] //= 1
 CUT_TEXT = "\n".join(",".join(f"{v:.2f}" for v in frame.ravel()) for frame in FRAMES)[:-3]
+NEWTONS, THOUSAND_OHM = {"values": FRAMES / 1e3, "unit": "newtons"}, {"values": FRAMES * 1e3, "unit": "ohm"}
+DOUBLED = np.repeat(FRAMES, 2, 0)[:COUNT]
+UNITS_COMMENT = "# time unit: s\n# unit: mN\n" + table(None)
 
 CASES: dict[str, Case] = {
     # What readers from outside found: read wrongly without a word, or refused without saying why.
@@ -421,142 +445,105 @@ CASES: dict[str, Case] = {
     "x and y": by_time(lambda r, c: f"x{c}y{r}", "text"),
     "c and two numbers": by_time(lambda r, c: f"c{c}_{r}", asks="--taxels"),
     "a number before row and column": by_time(lambda r, c: f"left2_r{r}c{c}", "columns"),
-    "a text and a number in a cell": Case("a.csv", TAGGED, SIZE | RATE, asks="--taxels"),
-    "a clock and an arrow": Case("a.csv", ARROWS, SIZE),
-    "a date with slashes beside a clock": Case(
-        "a.csv", table(flat, DAYS).replace("-", "/"), SIZE, time_s=90_000.0 * np.arange(COUNT)
+    "a text and a number in a cell": Case(TAGGED, SIZE | RATE, asks="--taxels"),
+    "a clock and an arrow": Case(ARROWS, SIZE),
+    "a date with slashes beside a clock": csv(flat, SLASHES, time_s=HOURS_25),
+    "a date that is not known beside a clock": csv(
+        flat, DAYS | {"date": every("03/04/2024")}, asks="--time-key"
     ),
-    "a date that is not known beside a clock": Case(
-        "a.csv", table(flat, {"date": ["03/04/2024"] * COUNT, "time": DAYS["time"]}), SIZE, asks="--time-key"
-    ),
-    "AM and PM": Case(
-        "a.csv", table(flat, {"time": [f"12:00:00.{20 * n:03d} AM" for n in range(COUNT)]}), SIZE
-    ),
-    "a name of a month": Case(
-        "a.csv", table(flat, {"time": [f"04-Mar-2024 10:00:00.{20 * n:03d}" for n in range(COUNT)]}), SIZE
-    ),
-    "a date and time in digits": Case(
-        "a.csv", table(flat, {"timestamp": [f"20240304100000.{20 * n:03d}" for n in range(COUNT)]}), SIZE
-    ),
-    "an index of dates": Case(
-        "a.csv", table(flat, {"": [f"2024-03-04 10:00:00.{20 * n:03d}" for n in range(COUNT)]}), SIZE
-    ),
-    "a unit in a comment": Case(
-        "a.csv", "# time unit: s\n# unit: mN\n" + table(None), SIZE | RATE, FRAMES / 1e3, unit="newtons"
-    ),
-    "two units in comments": Case(
-        "a.csv", "# unit: N\n# unit: mN\n" + table(None), SIZE | RATE, says="several units"
-    ),
-    "names with a comma": Case("a.csv", table(lambda r, c: f'"p[{r},{c}]"', {"t": seconds()}), {}),
-    "rows with a time of their own": Case("a.csv", OWN_TIMES, {"cols": COLS}),
-    "doubled frames": Case("a.csv", TWICE_TEXT, SIZE | RATE, np.repeat(FRAMES, 2, 0)[:COUNT], says="twice"),
-    "day and month that tell each other": Case(
-        "a.csv",
-        table(flat, {"date": [f"{n + 1}/03/2024" for n in range(COUNT)], "time": ["10:00:00"] * COUNT}),
-        SIZE,
-        time_s=86400.0 * np.arange(COUNT),
-    ),
-    "a comment about another unit": Case("a.csv", "# load cell unit: kg\n" + table(None), SIZE | RATE),
-    "words in brackets": Case(
-        "a.csv", table(lambda r, c: f"r{r}c{c} (left)", {"time (host)": seconds()}), {}
-    ),
-    "decimal marks of two kinds": Case(
-        "a.csv",
-        table(flat, {"Zeit (s)": [f"0,{2 * n:02d}" for n in range(COUNT)]}, mark=";"),
-        SIZE,
-        asks="one of them",
+    "AM and PM": csv(flat, {"time": every("12:00:00.{:03d} AM")}),
+    "a name of a month": csv(flat, {"time": every("04-Mar-2024 10:00:00.{:03d}")}),
+    "a date and time in digits": csv(flat, {"timestamp": every("20240304100000.{:03d}")}),
+    "an index of dates": csv(flat, {"": every("2024-03-04 10:00:00.{:03d}")}, options=SIZE),
+    "a unit in a comment": Case(UNITS_COMMENT, SIZE | RATE, **NEWTONS),
+    "two units in comments": Case("# unit: N\n# unit: mN\n" + table(None), SIZE | RATE, says="several units"),
+    "names with a comma": csv(lambda r, c: f'"p[{r},{c}]"', {"t": seconds()}, options={}),
+    "rows with a time of their own": Case(OWN_TIMES, {"cols": COLS}),
+    "doubled frames": Case(TWICE_TEXT, SIZE | RATE, DOUBLED, says="twice"),
+    "day and month that tell each other": csv(flat, DAYS_FIRST, time_s=86400.0 * np.arange(COUNT)),
+    "a comment about another unit": Case("# load cell unit: kg\n" + table(None), SIZE | RATE),
+    "words in brackets": csv(lambda r, c: f"r{r}c{c} (left)", {"time (host)": seconds()}, options={}),
+    "decimal marks of two kinds": csv(
+        flat, {"Zeit (s)": every("0,{:02d}", 2)}, options=SIZE, mark=";", asks="one of them"
     ),
     "numbers as names, and a column of words": csv(lambda r, c: flat(r, c, ""), {"sum": ["palm"] * COUNT}),
     "two sensors that look like rows": by_time(lambda r, c: f"p{r // 2}_{r % 2 * COLS + c}", asks="--rows"),
-    "mN": Case(
-        "a.csv", table(lambda r, c: f"r{r}c{c} [mN]", {"t": seconds()}), {}, FRAMES / 1e3, unit="newtons"
+    "mN": csv(lambda r, c: f"r{r}c{c} [mN]", {"t": seconds()}, options={}, **NEWTONS),
+    "kohm": csv(lambda r, c: f"r{r}c{c}_kohm", {"t": seconds()}, options={}, **THOUSAND_OHM),
+    "a unit that nobody knows": csv(lambda r, c: f"r{r}c{c} (pt)", {"t": seconds()}, options={}, says='"pt"'),
+    "a date and a clock": csv(flat, DAYS, time_s=HOURS_25),
+    "seconds and microseconds": csv(flat, PARTS, options=SIZE, time_s=1.02 * np.arange(COUNT)),
+    "a clock and ms": csv(flat, {"time": every("23:59:59"), "ms": every("{}")}),
+    "days since 1900": csv(flat, EXCEL, asks="--time-unit"),
+    "a date that is read in two ways": csv(flat, {"time": every("03/04/2024 10:00:00")}, asks="--rate"),
+    "a counter that begins again": csv(flat, AGAIN, says="recordings joined"),
+    "another rate than the times": csv(
+        flat, {"time_s": seconds()}, options=SIZE | {"rate_hz": 100.0}, time_s=TIME / 2, says="overrules"
     ),
-    "kohm": Case(
-        "a.csv", table(lambda r, c: f"r{r}c{c}_kohm", {"t": seconds()}), {}, FRAMES * 1e3, unit="ohm"
+    "a mark of thousands": Case(THOUSANDS, SIZE | RATE, asks="thousands"),
+    "cut in its last number": Case(CUT_TEXT, SIZE | RATE, CUT, says="cut off"),
+    "words at the end": Case(table(flat) + "Stopped by user\n", SIZE | RATE, asks="line 22"),
+    "-1 for a missing value": Case(gap("-1"), SIZE | {"missing": -1.0}, without((3, 0, 5))),
+    "JSON": Case('{"t": 0, "p": [1, 2]}\n' * COUNT, SIZE | RATE, asks="JSON", file="a.json"),
+    "an option of another kind of file": csv(flat, options=SIZE | RATE | {"key": "p"}, asks="--key"),
+    "npy, column after column": npy(
+        FRAMES.transpose(0, 2, 1).reshape(COUNT, -1), SIZE | {"axes": ("frames", "cols", "rows")}
     ),
-    "a unit that nobody knows": Case(
-        "a.csv", table(lambda r, c: f"r{r}c{c} (pt)", {"t": seconds()}), says='"pt"'
-    ),
-    "a date and a clock": Case("a.csv", table(flat, DAYS), SIZE, time_s=90_000.0 * np.arange(COUNT)),
-    "seconds and microseconds": Case("a.csv", table(flat, PARTS), SIZE, time_s=1.02 * np.arange(COUNT)),
-    "a clock and ms": Case(
-        "a.csv", table(flat, {"time": ["23:59:59"] * COUNT, "ms": [str(20 * n) for n in range(COUNT)]}), SIZE
-    ),
-    "days since 1900": csv(flat, EXCEL, "--time-unit"),
-    "a date that is read in two ways": csv(flat, {"time": ["03/04/2024 10:00:00"] * COUNT}, "--rate"),
-    "a counter that begins again": Case("a.csv", table(flat, AGAIN), SIZE, says="recordings joined"),
-    "another rate than the times": Case(
-        "a.csv",
-        table(flat, {"time_s": seconds()}),
-        SIZE | {"rate_hz": 100.0},
-        time_s=TIME / 2,
-        says="overrules",
-    ),
-    "a mark of thousands": Case("a.csv", THOUSANDS, SIZE | RATE, asks="thousands"),
-    "cut in its last number": Case("a.csv", CUT_TEXT, SIZE | RATE, CUT, says="cut off"),
-    "words at the end": Case("a.csv", table(flat) + "Stopped by user\n", SIZE | RATE, asks="line 22"),
-    "-1 for a missing value": Case("a.csv", gap("-1"), SIZE | {"missing": -1.0}, without((3, 0, 5))),
-    "JSON": Case("a.json", '{"t": 0, "p": [1, 2]}\n' * COUNT, SIZE | RATE, asks="JSON"),
-    "an option of another kind of file": Case("a.csv", table(flat), SIZE | RATE | {"key": "p"}, asks="--key"),
-    "npy, column after column": Case(
-        "a.npy",
-        output.npy_bytes(FRAMES.transpose(0, 2, 1).reshape(COUNT, -1)),
-        SIZE | RATE | {"axes": ("frames", "cols", "rows")},
-    ),
-    "npy, frames on either axis": Case(
-        "a.npy", output.npy_bytes(np.zeros((ROWS, COLS, ROWS))), SIZE | RATE, asks="--axes"
-    ),
-    "Parquet, stamps of 1970": Case(
-        "a.parquet", parquet({"t": pd.to_datetime(TIME, unit="s"), **columns(flat)}), SIZE
-    ),
+    "npy, frames on either axis": npy(np.zeros((ROWS, COLS, ROWS)), SIZE, asks="--axes"),
+    "Parquet, stamps of 1970": parquet({"t": pd.to_datetime(TIME, unit="s"), **columns(flat)}, SIZE),
     # Names and orders.
     "names by columns": by_time(lambda r, c: f"r{r}c{c}", "columns"),
-    "names descending": by_time(flat, "descending", **SIZE),
-    "names sorted as text": by_time(lambda r, c: flat(r, c, "taxel_"), "text", **SIZE),
+    "names descending": by_time(flat, "descending", options=SIZE),
+    "names sorted as text": by_time(lambda r, c: flat(r, c, "taxel_"), "text", options=SIZE),
     "names from one": by_time(lambda r, c: f"row{r + 1}_col{c + 1}", "descending"),
     "names with brackets": by_time(lambda r, c: f"s[{r}][{c}]", "columns"),
-    "numbers as names": csv(lambda r, c: flat(r, c, ""), {}),
+    "numbers as names": csv(lambda r, c: flat(r, c, "")),
     "numbers and an index": csv(lambda r, c: flat(r, c, ""), INDEX),
     "names of some": by_time(lambda r, c: flat(r, c) if (r, c) != (2, 2) else "q", asks="--taxels"),
     "two arrays in names": by_time(lambda r, c: f"{'lr'[r % 2]}_{r // 2 * COLS + c}", asks="--part"),
     "columns amid taxels": csv(flat, SUM, middle=IMU),
     "names of a ROS export": csv(lambda r, c: flat(r, c, "field.data"), ROS),
-    "spaces": csv(None, {}, mark="  "),
-    "semicolons, decimal commas": csv(None, {}, mark=";", point=","),
-    "words to skip": Case("a.csv", table(None, WORDS), SIZE | RATE | {"skip": 2}),
-    "marks at the ends": Case("a.csv", "# by hand\n" + table(None).replace("\n", ",\n"), SIZE | RATE),
+    "spaces": csv(None, mark="  "),
+    "semicolons, decimal commas": csv(None, mark=";", point=","),
+    "words to skip": csv(None, WORDS, options=SIZE | RATE | {"skip": 2}),
+    "marks at the ends": Case("# by hand\n" + table(None).replace("\n", ",\n"), SIZE | RATE),
     # Times.
     "time_ms": csv(flat, {"time_ms": seconds(1e3)}),
     "Time [ms]": csv(flat, {"time [ms]": seconds(1e3)}),
     "time in us": csv(flat, {"time_us": seconds(1e6)}),
     "stamps in ns": csv(flat, {"timestamp": list(map(str, STAMPS))}),
-    "sec and nanosec": Case("a.csv", table(flat, PAIR), SIZE),
-    "sec and nanosec without names": Case("a.csv", table(None, PAIR), SIZE),
-    "a column of time by number": Case("a.csv", table(None, {"": seconds()}), SIZE | {"time_key": "0"}),
-    "a counter that wraps": Case("a.csv", table(flat, WRAPPED), SIZE, says="2^32"),
-    "a clock since power-on": csv(flat, {"timestamp": seconds(1e6, 1.5e9)}, "--time-unit"),
+    "sec and nanosec": csv(flat, PAIR, options=SIZE),
+    "sec and nanosec without names": csv(None, PAIR, options=SIZE),
+    "a column of time by number": csv(None, {"": seconds()}, options=SIZE | {"time_key": "0"}),
+    "a counter that wraps": csv(flat, WRAPPED, says="2^32"),
+    "a clock since power-on": csv(flat, {"timestamp": seconds(1e6, 1.5e9)}, asks="--time-unit"),
     "time in minutes": csv(flat, {"Time [min]": seconds(1 / 60)}),
     "time in hours": csv(flat, {"time_h": seconds(1 / 3600)}),
-    "time in an unknown unit": csv(flat, {"time [ks]": seconds(1e-3)}, "--time-unit"),
-    "time in days": csv(flat, {"time": seconds(1 / 86400)}, "--time-unit"),
-    "a line of units": Case("a.csv", WITH_UNITS, SIZE, FRAMES * PSI, unit="kpa"),
-    "a comment at the end": Case("a.csv", table(flat, {"time": seconds()}) + "# end of file\n", SIZE),
-    "a first column that rises": Case("a.csv", table(None, {"": seconds(0.5)}), SIZE, asks="--time-key"),
-    "decimal commas and dotted dates": csv(flat, {"time": DATES}, mark=";", point=","),
+    "time in an unknown unit": csv(flat, {"time [ks]": seconds(1e-3)}, asks="--time-unit"),
+    "time in days": csv(flat, {"time": seconds(1 / 86400)}, asks="--time-unit"),
+    "a line of units": Case(WITH_UNITS, SIZE, FRAMES * PSI, unit="kpa"),
+    "a comment at the end": Case(table(flat, {"time": seconds()}) + "# end of file\n", SIZE),
+    "a first column that rises": csv(None, {"": seconds(0.5)}, options=SIZE, asks="--time-key"),
+    "decimal commas and dotted dates": csv(
+        flat, {"time": every("25.04.2023 10:49:00,{:03d}")}, mark=";", point=","
+    ),
     # Frames of several lines, missing cells.
-    "blank lines, lost rows": Case("a.csv", blocks("", LOST_ROWS), RATE, without([7, 8]), says="8 has 3 of"),
-    "comments, lost rows": Case("a.csv", blocks("# frame {n}", LOST_ROWS), SIZE | RATE, without([7, 8])),
-    "labels with times": Case("a.csv", blocks("Frame {n} ({t:.2f} s)"), SIZE),
-    "labels of lines, one lost": Case("a.csv", LINES_LOST, SIZE | RATE, *LOST_LINE, says="1 frame lost"),
-    "its own output": Case("a.csv", OWN_OUTPUT),
-    **{f"missing cell {cell}": Case("a.csv", gap(cell), SIZE, without((3, 0, 5))) for cell in GAPS},
+    "blank lines, lost rows": Case(blocks("", LOST_ROWS), RATE, without([7, 8]), says="8 has 3 of"),
+    "comments, lost rows": Case(blocks("# frame {n}", LOST_ROWS), SIZE | RATE, without([7, 8])),
+    "labels with times": Case(blocks("Frame {n} ({t:.2f} s)"), SIZE),
+    "labels of lines, one lost": Case(LINES_LOST, SIZE | RATE, *LOST_LINE, says="1 frame lost"),
+    "its own output": Case(OWN_OUTPUT),
+    **{
+        f"missing cell {cell}": Case(gap(cell), SIZE, without((3, 0, 5)))
+        for cell in ("nan", "", "-", "null", "N/A")
+    },
     # Codings and quotes.
-    "UTF-16": Case("a.txt", table(flat, {"time [µs]": seconds(1e6)}, mark="\t").encode("utf-16"), SIZE),
-    "Latin-1": Case("a.csv", table(flat, {"°": ["1"] * COUNT, "t": seconds()}).encode("latin-1"), SIZE),
-    "a byte order mark, blank lines": Case("a.csv", "\ufeff" + BLANK_LINES, SIZE | RATE),
-    "quoted cells": Case("a.csv", f'"{QUOTED}"', SIZE),
-    "a list in one column": Case("a.csv", "time,data\n" + LIST, SIZE),
-    "csv.gz": Case("a.csv.gz", gzip.compress(table(flat, {"t": seconds()}).encode()), SIZE),
+    "UTF-16": Case(table(flat, {"time [µs]": seconds(1e6)}, mark="\t").encode("utf-16"), SIZE, file="a.txt"),
+    "Latin-1": Case(table(flat, {"°": ["1"] * COUNT, "t": seconds()}).encode("latin-1"), SIZE),
+    "a byte order mark, blank lines": Case("\ufeff" + BLANK_LINES, SIZE | RATE),
+    "quoted cells": Case(f'"{QUOTED}"', SIZE),
+    "a list in one column": Case("time,data\n" + LIST, SIZE),
+    "csv.gz": Case(gzip.compress(table(flat, {"t": seconds()}).encode()), SIZE, file="a.csv.gz"),
     # Makers.
     "Tekscan, kPa": tekscan("KPa", "5 mm", "Frame {n}"),
     "Tekscan, psi": tekscan("PSI", "0.5 cm", "Frame {n}", PSI, end=",,,"),
@@ -565,55 +552,49 @@ CASES: dict[str, Case] = {
     "Tekscan, N, stamps, commas": tekscan("N", "5 mm", "Frame {n} ({t:.3f} s)", end=";;", point=","),
     "Tekscan, raw, a lost frame": tekscan("Raw", "5 mm", "Frame {n}", lost=9),
     "Tekscan, exponents": tekscan("KPa", "5.0e-1 cm", "Frame {n}", step="2.0E-02"),
-    "XSENSOR, two sensors": Case("a.csv", xsensor(), {}, asks="--part"),
-    "XSENSOR, one of two": Case("a.csv", xsensor(), {"part": 2}, FRAMES * MMHG, None, "kpa", 20.0),
-    "novel emed": Case("a.lst", emed().encode("latin-1"), {}, **KPA25),
-    "novel pliance": Case("a.asc", pliance(), SIZE, NO_COLUMNS, unit="kpa", says="another table"),
-    "novel pliance, size unknown": Case("a.asc", pliance(), {}, asks="--rows and --cols"),
-    "novel pedar": Case("a.asc", pedar(), SIZE | {"part": 2}, unit="kpa"),
-    "novel pedar, two soles": Case("a.asc", pedar(), SIZE, asks="--part"),
+    "XSENSOR, two sensors": Case(xsensor(), asks="--part"),
+    "XSENSOR, one of two": Case(xsensor(), {"part": 2}, FRAMES * MMHG, None, "kpa", 20.0),
+    "novel emed": Case(emed().encode("latin-1"), **KPA25, file="a.lst"),
+    "novel pliance": Case(pliance(), SIZE, NO_COLUMNS, unit="kpa", says="another table", file="a.asc"),
+    "novel pliance, size unknown": Case(pliance(), asks="--rows and --cols", file="a.asc"),
+    "novel pedar": Case(pedar(), SIZE | {"part": 2}, unit="kpa", file="a.asc"),
+    "novel pedar, two soles": Case(pedar(), SIZE, asks="--part", file="a.asc"),
     # Arrays.
-    "npy": Case("a.npy", output.npy_bytes(FRAMES), SIZE | RATE),
-    "npy, taxels first": Case("a.npy", output.npy_bytes(FRAMES.reshape(COUNT, -1).T), SIZE | RATE),
-    "npy, two hands": Case("a.npy", output.npy_bytes(HANDS), SIZE | RATE, asks="--axes"),
-    "npy, one of two hands": Case(
-        "a.npy", output.npy_bytes(HANDS), RATE | {"axes": ("frames", 1, "rows", "cols")}
-    ),
-    "npy, 256 columns": Case(
-        "a.npy", output.npy_bytes(WIDE.reshape(5, -1)), RATE | WIDE_SIZE, WIDE, TIME[:5]
-    ),
-    "MATLAB 5": Case("a.mat", mat),
-    "MATLAB 7.3": Case("a.mat", mat73),
+    "npy": npy(FRAMES, SIZE),
+    "npy, taxels first": npy(FRAMES.reshape(COUNT, -1).T, SIZE),
+    "npy, two hands": npy(HANDS, SIZE, asks="--axes"),
+    "npy, one of two hands": npy(HANDS, {"axes": ("frames", 1, "rows", "cols")}),
+    "npy, 256 columns": npy(WIDE.reshape(5, -1), WIDE_SIZE, values=WIDE, time_s=TIME[:5]),
+    "MATLAB 5": Case(mat, file="a.mat"),
+    "MATLAB 7.3": Case(mat73, file="a.mat"),
     # Parquet.
-    "Parquet": Case(
-        "a.parquet", parquet({"time_ms": TIME * 1e3, **columns(lambda r, c: f"r{r}c{c}", "columns")})
-    ),
-    "Parquet, a list and stamps": Case("a.parquet", parquet(LISTS), SIZE),
-    "Parquet, rows of lists": Case("a.pq", parquet({"t": TIME, "force": FRAMES.tolist()})),
-    "Parquet, names of some": Case("a.parquet", parquet(SOME_NAMES), asks="--taxels"),
-    "Parquet of pandas, two levels of names": Case("a.parquet", levels),
+    "Parquet": parquet({"time_ms": TIME * 1e3, **columns(lambda r, c: f"r{r}c{c}", "columns")}),
+    "Parquet, a list and stamps": parquet(LISTS, SIZE),
+    "Parquet, rows of lists": parquet({"t": TIME, "force": FRAMES.tolist()}, file="a.pq"),
+    "Parquet, names of some": parquet(SOME_NAMES, asks="--taxels"),
+    "Parquet of pandas, two levels of names": Case(levels, file="a.parquet"),
     # ROS 2 bags.
-    "mcap, Float32MultiArray": Case("a", bag({"/skin": FLOATS}), SIZE, SINGLE),
-    "sqlite3, Float64MultiArray": Case("a", bag({"/skin": DOUBLES}, "sqlite3")),
-    "one mcap file": Case("a.mcap", bag({"/skin": DOUBLES}, file=True)),
-    "one db3 file": Case("a.db3", bag({"/skin": DOUBLES}, "sqlite3", file=True)),
-    "strides of each dimension": Case("a", bag({"/skin": STRIDES})),
-    "strides that overlap": Case("a", bag({"/skin": OVERLAP}), {"key": "/skin"}, asks="--rows"),
-    "Int16MultiArray, padding": Case("a", bag({"/skin": PADDED}), {}, WHOLE),
-    "Int32MultiArray, columns first": Case("a", bag({"/skin": TURNED}), {}, WHOLE),
-    "16UC1, big-endian, padding": Case("a", bag({"/skin": BIG}, received=LATE), {}, WHOLE),
-    "32SC1": Case("a", bag({"/skin": images(lambda f: f.astype("<i4"), "32SC1")}), {}, WHOLE),
-    "32FC1": Case("a", bag({"/skin": SINGLES}, "sqlite3", received=LATE), {}, SINGLE),
-    "32FC3": Case("a", bag({"/skin": SHEAR}), asks="--axes"),
-    "a channel of 32FC3": Case("a", bag({"/skin": SHEAR}), {"axes": ("frames", "rows", "cols", 1)}, SINGLE),
-    "rgb8": Case("a", bag({"/skin": RGB}), {"key": "/skin"}, asks="mono16"),
-    "two topics": Case("a", bag({"/skin": DOUBLES, "/other": DOUBLES}), asks="--key"),
-    "one of two topics": Case("a", bag({"/skin": DOUBLES, "/other": FLOATS}), {"key": "/skin"}),
-    "a field of an own message": Case("a", bag({"/a": OWN}, received=LATE), {"key": "/a.force"}, SINGLE),
-    "times of reception": Case("a", bag({"/skin": BIG}, received=LATE), RECEPTION, WHOLE, HEARD_S),
-    "a stamp without a header": Case("a", bag({"/skin": STAMPED}, received=LATE), SIZE, SINGLE),
-    "a list of messages": Case("a", bag({"/skin": LISTED}), SIZE, SINGLE),
-    "two frames in a message": Case("a", bag({"/skin": TWICE}), {"key": "/skin"}, asks="--rows"),
-    "sorted by stamps": Case("a", bag({"/skin": LATER}), {}, WHOLE, says="sorted by their stamps"),
+    "mcap, Float32MultiArray": bag(FLOATS, SIZE, SINGLE),
+    "sqlite3, Float64MultiArray": bag(DOUBLES, storage="sqlite3"),
+    "one mcap file": bag(DOUBLES, file="a.mcap"),
+    "one db3 file": bag(DOUBLES, storage="sqlite3", file="a.db3"),
+    "strides of each dimension": bag(STRIDES),
+    "strides that overlap": bag(OVERLAP, {"key": "/skin"}, asks="--rows"),
+    "Int16MultiArray, padding": bag(PADDED, values=WHOLE),
+    "Int32MultiArray, columns first": bag(TURNED, values=WHOLE),
+    "16UC1, big-endian, padding": bag(BIG, values=WHOLE, received=LATE),
+    "32SC1": bag(images(lambda f: f.astype("<i4"), "32SC1"), values=WHOLE),
+    "32FC1": bag(SINGLES, values=SINGLE, storage="sqlite3", received=LATE),
+    "32FC3": bag(SHEAR, asks="--axes"),
+    "a channel of 32FC3": bag(SHEAR, {"axes": ("frames", "rows", "cols", 1)}, SINGLE),
+    "rgb8": bag(RGB, {"key": "/skin"}, asks="mono16"),
+    "two topics": bag({"/skin": DOUBLES, "/other": DOUBLES}, asks="--key"),
+    "one of two topics": bag({"/skin": DOUBLES, "/other": FLOATS}, {"key": "/skin"}),
+    "a field of an own message": bag({"/a": OWN}, {"key": "/a.force"}, SINGLE, received=LATE),
+    "times of reception": bag(BIG, {"time_key": "reception"}, WHOLE, received=LATE, time_s=HEARD_S),
+    "a stamp without a header": bag(STAMPED, SIZE, SINGLE, received=LATE),
+    "a list of messages": bag(LISTED, SIZE, SINGLE),
+    "two frames in a message": bag(TWICE, {"key": "/skin"}, asks="--rows"),
+    "sorted by stamps": bag(LATER, values=WHOLE, says="sorted by their stamps"),
 }
 """Every kind of file of which the reader is judged."""
