@@ -55,24 +55,28 @@ _DATE = re.compile(r"\d{4}[-/]\d\d[-/]\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}
 """A date in a column beside that of the clock."""
 _DATED = re.compile(r"\d{1,4}[-/. ]\w{1,3}[-/. ]\d{1,4}|[A-Za-z]{3,9} \d{1,2}(,? \d{4})?")
 """Any date, also one that may be read in two ways."""
-_MONTHS = "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"
+_MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec".split()
+_DAY_FIRST = re.compile(r"(\d{1,2})(?:-([A-Za-z]{3})-(\d{4})|\.(\d{1,2})\.(\d{4}|\d\d)\b)")
+"""04-Mar-2024, 4.3.2024 and 04.03.24."""
 _DIGITS = re.compile(r"((?:19|20)\d\d)(\d\d)(\d\d)T?(\d\d)(\d\d)(\d\d(?:\.\d+)?)Z?")
 """Date and time without marks, as in 20240304100000.02."""
 PER_SECOND = {"ms": 10**3, "us": 10**6, "ns": 10**9}
 _NUMBERS_SURE = 16
 """A first line 0, 1, 2, ... of fewer values may be a frame, and is asked for."""
 
-KPA = {
-    "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mbar": 0.1, "bar": 100.0, "mpa": 1e3, "psi": 6.894757293, "mmhg": 0.1333223874,
-    "n/cm2": 10.0, "n/mm2": 1e3, "kg/cm2": 98.0665, "lbf/in2": 6.894757293, "kgf/cm2": 98.0665, "g/cm2": 0.0980665,
+FACTORS = {
+    "kpa": {
+        "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mbar": 0.1, "bar": 100.0, "mpa": 1e3, "psi": 6.894757293,
+        "mmhg": 0.1333223874, "n/cm2": 10.0, "n/mm2": 1e3, "kg/cm2": 98.0665, "lbf/in2": 6.894757293,
+        "kgf/cm2": 98.0665, "g/cm2": 0.0980665,
+    },
+    "newtons": {
+        "n": 1.0, "newtons": 1.0, "kg": 9.80665, "kgf": 9.80665, "g": 9.80665e-3, "gf": 9.80665e-3, "lbs": 4.4482216,
+        "lbf": 4.4482216, "mn": 1e-3, "cn": 1e-2, "kn": 1e3,
+    },
+    "ohm": {"ohm": 1.0, "ohms": 1.0, "ω": 1.0, "kohm": 1e3, "kω": 1e3},
 }  # fmt: skip
-"""kPa of a unit of pressure."""
-NEWTONS = {
-    "n": 1.0, "newtons": 1.0, "kg": 9.80665, "kgf": 9.80665, "g": 9.80665e-3, "gf": 9.80665e-3, "lbs": 4.4482216,
-    "lbf": 4.4482216, "mn": 1e-3, "cn": 1e-2, "kn": 1e3,
-}  # fmt: skip
-"""N of a unit of force."""
-OHMS = {"ohm": 1.0, "ohms": 1.0, "ω": 1.0, "kohm": 1e3, "kω": 1e3}
+"""Factors of the units of pressure, force and resistance to the unit of `recording.UNITS`."""
 _RAW = ("counts", "count", "adc", "raw", "lsb", "code", "codes", "bit", "bits", "digits", "au", "a.u.")
 """Units of readings that are no physical ones."""
 _UNIT = re.compile(r"[\[(]([^\])\d]*[^\W\d][^\])\d]*2?)[\])]|\d[ _.]+([^\W\d_]+)$")
@@ -152,7 +156,7 @@ class Found:
     def scale(self, unit: str) -> bool:
         """Turn values into kPa, N or ohm by their unit; return False for one that is not known, which leaves them."""
         unit = re.sub(r'[\s^,;"]', "", unit).lower().replace("²", "2")
-        for name, known in (("kpa", KPA), ("newtons", NEWTONS), ("ohm", OHMS)):
+        for name, known in FACTORS.items():
             if unit in known:
                 self.values, self.unit = self.values * known[unit], name
         return self.unit is not None or unit in _RAW
@@ -234,21 +238,15 @@ def seconds_of(cell: str) -> float:
     if digits := _DIGITS.fullmatch(cell):
         cell = "{}-{}-{} {}:{}:{}".format(*digits.groups())
     cell = re.sub(r"(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3", cell)
-    named = re.match(r"(\d{1,2})-([A-Za-z]{3})-(\d{4})(.*)", cell)
-    if named and named[2].lower() in _MONTHS:
-        month = _MONTHS.index(named[2].lower()) + 1
-        cell = f"{named[3]}-{month:02d}-{int(named[1]):02d}{named[4]}"
-    dotted = re.match(r"(\d{1,2})\.(\d{1,2})\.(\d{4}|\d\d)\b(.*)", cell)
-    if dotted:
-        day, month, year, rest = dotted.groups()
-        cell = f"{year if len(year) == 4 else '20' + year}-{month:0>2}-{day:0>2}{rest}"
-        cell = re.sub(r"(:\d\d),(\d+)$", r"\1.\2", cell)
+    if (date := _DAY_FIRST.match(cell)) and (date[4] or date[2].lower() in _MONTHS):
+        month = int(date[4]) if date[4] else _MONTHS.index(date[2].lower()) + 1
+        year = date[3] or date[5]
+        cell = f"{year if len(year) == 4 else '20' + year}-{month:02d}-{int(date[1]):02d}{cell[date.end() :]}"
     if clock := CLOCK.fullmatch(cell.strip()):
         return int(clock[1]) * 3600 + int(clock[2]) * 60 + decimal(clock[3])
-    cell = re.sub(r"\s+(?=[+-]\d\d:?\d\d$)", "", cell)
-    time = datetime.fromisoformat(cell) if re.search(r"\D\d\d:\d\d", cell) else None
-    if time is None:
+    if not re.search(r"\D\d\d:\d\d", cell):
         raise ValueError
+    time = datetime.fromisoformat(re.sub(r"\s+(?=[+-]\d\d:?\d\d$)", "", cell))
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 
@@ -529,35 +527,30 @@ class Table:
                 return [int(key)]
             allowed = "a name of the header, or a number of a column from 0: " + ", ".join(names[:8])
             raise self._ask("--time-key", key, allowed)
-        timed = [
-            k
-            for k in range(self.width)
-            if is_number(first[k], seconds_of) or (is_number(first[k]) and first[k])
-        ]
+        stamps = [k for k, cell in enumerate(first) if is_number(cell, seconds_of) and not is_number(cell)]
         if names:
             counts = Counter(_template(name)[0] for name in names)
             alone = [k for k in range(self.width) if is_time(names[k]) and counts[_template(names[k])[0]] < 4]
-            named = [k for k in alone if k in timed]
+            named = [k for k in alone if k in stamps or (is_number(first[k]) and first[k])]
             for k in named:
                 if len(keys := self._with_parts(k)) > 1:
                     return keys
             if alone and not named and self.layout.rate_hz is None and first[alone[0]]:
                 allowed = "a number, a clock, or a date as 2024-03-04 12:00:00; or --rate"
                 raise self._ask(names[alone[0]], quoted(first[alone[0]]), allowed)
-            stamps = [k for k in timed if not is_number(first[k])]
-            return named[:1] or (self._with_parts(stamps[0]) if stamps else [])
-        stamps = [k for k in timed if not is_number(first[k])]
-        if stamps:
-            return self._with_parts(stamps[0])
+            if named:
+                return named[:1]
+        if stamps or names:
+            return self._with_parts(stamps[0]) if stamps else []
         # Whole seconds since 1970 with nanoseconds beside them, or a stamp since 1970: no taxel has 1e9.
-        columns = [[row[k] for row in self.sample] for k in range(min(4, self.width))]
-        whole = [all(re.fullmatch(r"\d+", c) for c in column) for column in columns]
-        for k, column in enumerate(columns):
-            if (chosen is None or k not in chosen) and all(
-                is_number(c) and number_of(c) > 1e9 for c in column
-            ):
-                after = columns[k + 1] if all(whole[k : k + 2]) and k + 1 < len(columns) else ["0"]
-                fine = len(column[0]) == 10 and 1e6 < max(map(int, after)) < 10**9
+        for k in range(min(4, self.width)):
+            cells = [row[k] for row in self.sample]
+            if not (chosen and k in chosen) and all(is_number(c) and number_of(c) > 1e9 for c in cells):
+                pairs = [row[k : k + 2] for row in self.sample]
+                whole = k + 1 < min(4, self.width) and all(
+                    re.fullmatch(r"\d+", c) for pair in pairs for c in pair
+                )
+                fine = whole and len(cells[0]) == 10 and 1e6 < max(int(part) for _, part in pairs) < 10**9
                 return [k, k + 1] if fine else [k]
         return []
 
@@ -762,24 +755,20 @@ class Table:
 
     def _timed(self, found: Found, moments: list[list[str]], keys: list[int]) -> None:
         """Add the times of the cells in `keys`, and their unit if it is known."""
-        cells = [row[0] for row in moments]
+        cells, *fine = zip(*moments, strict=True)
         whole = all(re.fullmatch(r"-?\d{1,19}", c) for row in moments for c in row)
-        if len(keys) == 2 and _DATE.fullmatch(cells[0]):
-            dates = _by_day(cells)
-            if dates is None:
+        if fine and _DATE.fullmatch(cells[0]):
+            if (dates := _by_day(cells)) is None:
                 allowed = "a date as 2024-03-04: day or month may be first; or --time-key, or --rate"
                 raise self._ask("date", quoted(cells[0]), allowed)
-            cells = [f"{date} {row[1]}" for date, row in zip(dates, moments, strict=True)]
-        elif len(keys) == 2:
+            cells = [" ".join(pair) for pair in zip(dates, *fine, strict=True)]
+        elif fine:
             per_s = PER_SECOND[(self.names and _unit_in(self.names[keys[1]])[1]) or "ns"]
             if not all(re.fullmatch(r"(\d{1,12}|\d+:\d\d:\d\d) \d{1,9}", " ".join(row)) for row in moments):
                 raise self._ask("time", " ".join(moments[0]), "whole seconds and a part, or --time-key")
-            seconds = [int(s) if s.isdigit() else int(seconds_of(s)) for s in cells]
-            ticks = [s * per_s + int(row[1]) for s, row in zip(seconds, moments, strict=True)]
-            if max(int(row[1]) for row in moments) >= per_s:
-                raise self._ask(
-                    self.names[keys[1]], max(row[1] for row in moments), f"below {per_s}, or --time-key"
-                )
+            if max(map(int, fine[0])) >= per_s:
+                raise self._ask(self.names[keys[1]], max(fine[0]), f"below {per_s}, or --time-key")
+            ticks = [int(s if s.isdigit() else seconds_of(s)) * per_s + int(part) for s, part in moments]
             found.time = past_midnight(np.array([t - ticks[0] for t in ticks], dtype=float) / per_s)
             found.time_unit = "s"
             return
