@@ -36,50 +36,6 @@ def text(lead: str = "", cells: Callable[[int], str] = lambda n: "") -> str:
     return "\n".join(lines) + "\n"
 
 
-@pytest.mark.parametrize(
-    ("content", "layout", "said"),
-    [
-        (text(), SIZE, "--rate"),
-        (text(), {"rate_hz": 50.0}, "--rows and --cols"),
-        (text(), {"rows": 5, "cols": 6, "rate_hz": 50.0}, "--rows and --cols"),
-        (text("", lambda n: "left,palm,"), {"skip": 1, "rows": 5, "cols": 5, "rate_hz": 1.0}, "--skip"),
-        (text("t,", lambda n: f"{20 * n},"), SIZE, "--time-unit"),
-        (text("", lambda n: f"{-n},"), {**SIZE, "time_key": "0"}, "later than the frame before"),
-        (text("", lambda n: f"{n / 2},"), SIZE, "--skip N, --taxels"),
-        (text().replace("\n", ",1\n", 1), {**SIZE, "rate_hz": 1.0}, "line 2"),
-        ("", SIZE, "at least one line"),
-        ("a,b\n", SIZE, "header only"),
-        (text().replace("0", "x", 1), {**SIZE, "rate_hz": 1.0}, "a number"),
-        ("1 2 3 4\n" * 8, {"rate_hz": 1.0}, "--rows 2 --cols 2 if a line is a frame"),
-        ("a,b,c\n1,2\n", {"rate_hz": 1.0}, "header = 3 names"),
-    ],
-)
-def test_a_refusal_names_the_option_that_helps(tmp_path: Path, content: str, layout: dict, said: str) -> None:
-    path = tmp_path / "touch.csv"
-    path.write_text(content)
-    with pytest.raises(InputError) as error:
-        recording.load(path, Layout(**layout))
-    assert said in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_lost_frames_are_warned_of(tmp_path: Path) -> None:
-    time = np.r_[TIME[:3], TIME[3:] + 0.1]
-    path = tmp_path / "touch.csv"
-    path.write_text(text("", lambda n: f"{time[n]:.3f},"))
-    with pytest.warns(UserWarning, match="frames lost"):
-        recording.load(path, Layout(**SIZE, time_key="0"))
-
-
-def test_places_without_a_taxel_are_found(tmp_path: Path) -> None:
-    values = FRAMES.copy()
-    values[:, 0, 1], values[:, 3, 3], values[2, 2, 2] = 255, np.nan, 255
-    np.save(tmp_path / "touch.npy", values)
-    found = recording.load(tmp_path / "touch.npy", Layout(missing=255.0, rate_hz=50.0))
-    assert np.argwhere(~found.present).tolist() == [[0, 1], [3, 3]]
-    assert found.values[2, 2, 2] == 255
-
-
 def run(*arguments: str) -> tuple[int, str]:
     done = CliRunner().invoke(read.read_command, [*arguments], standalone_mode=False)
     if done.exception is not None:
@@ -390,23 +346,6 @@ def test_a_recording_of_years_is_followed_for_its_beginning() -> None:
     assert saved["note"] == "20000 frames of 0.002 s"
     assert (saved["status"], delay["value"]) == ("PASS", 0)
     assert read.interest_rows(codes[:1], np.zeros(1), 0.002)[0]["note"] == "1 frame of 0.002 s"
-
-
-def test_a_policy_that_saves_nothing_or_looks_nowhere_shows(monkeypatch: pytest.MonkeyPatch) -> None:
-    codes = np.zeros((40, 8, 8), int)
-    codes[10:30, 5] = 50
-    times = 0.002 * np.arange(40)
-    monkeypatch.setattr(read, "RowsOfInterest", lambda rows: RowsOfInterest(rows, every=1))
-    assert [row["value"] for row in read.interest_rows(codes, times, 0.002)] == [0, 0]
-
-    class Blind(RowsOfInterest):
-        def next(self, slots: ArrayLike, values: ArrayLike) -> np.ndarray:
-            return np.arange(8) == 0
-
-    monkeypatch.setattr(read, "RowsOfInterest", Blind)
-    saved, delay = read.interest_rows(codes, times, 0.002)
-    assert (saved["value"], delay["value"]) == (1 - (2 * 8 + 38) / 320, 30)
-    assert delay["note"] == "1 of 1 late; 20 of 20 readings missed"
 
 
 @pytest.mark.paper

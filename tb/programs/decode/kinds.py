@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import gzip
+import math
 import shutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -213,6 +214,10 @@ def pedar() -> str:
 
 
 NO_COLUMNS, NO_SENSEL = without(np.s_[:, :, :2]), without(np.s_[:, 0, 5])
+
+
+def npz(path: Path) -> None:
+    np.savez(path, force=FRAMES, time_ms=20 * np.arange(COUNT), note=np.array("left"))
 
 
 def mat(path: Path) -> None:
@@ -437,6 +442,18 @@ CUT[-1, -1, -1] //= 1
 CUT_TEXT = "\n".join(",".join(f"{v:.2f}" for v in frame.ravel()) for frame in FRAMES)[:-3]
 NEWTONS, THOUSAND_OHM = {"values": FRAMES / 1e3, "unit": "newtons"}, {"values": FRAMES * 1e3, "unit": "ohm"}
 DOUBLED = np.repeat(FRAMES, 2, 0)[:COUNT]
+BY_NUMBER = SIZE | {"time_key": "0"}
+STAMP_GONE, STAMP_TWICE, TWICE_S = seconds(), seconds(), TIME.copy()
+STAMP_GONE[5], STAMP_TWICE[8], TWICE_S[8] = "", STAMP_TWICE[7], TIME[7]
+GAP_S = TIME + 0.1 * (TIME > 0.05)
+LATER_S = [f"{100 + t:.3f}" for t in GAP_S]
+SIDES = "left", "right"
+NUMBERED = np.concatenate([np.arange(24.0).reshape(1, ROWS, COLS), FRAMES])
+RAMP = "\n".join(",".join(map(str, row)) for row in 5 * np.arange(4)[:, None] + np.arange(24))
+ROW_LOST = "".join(line for n, line in enumerate(OWN_OUTPUT.splitlines(keepends=True)) if n != 10)
+SOME_255, HELD = NO_SENSEL.copy(), FRAMES.copy()
+SOME_255[2, 2, 2] = 255
+HELD[3, 0, 5] = FRAMES[2, 0, 5]
 UNITS_COMMENT = "# time unit: s\n# unit: mN\n" + table(None)
 
 CASES: dict[str, Case] = {
@@ -490,6 +507,44 @@ CASES: dict[str, Case] = {
         FRAMES.transpose(0, 2, 1).reshape(COUNT, -1), SIZE | {"axes": ("frames", "cols", "rows")}
     ),
     "npy, frames on either axis": npy(np.zeros((ROWS, COLS, ROWS)), SIZE, asks="--axes"),
+    "a stamp that is missing": csv(
+        flat, {"time": STAMP_GONE}, says="1 of 20 times are missing, the first of frame 5"
+    ),
+    "two equal stamps": csv(flat, {"time": STAMP_TWICE}, time_s=TWICE_S, says="the first of frame 8"),
+    "lost frames": csv(None, {"": LATER_S}, options=BY_NUMBER, time_s=GAP_S, says="frames lost"),
+    "a place without a taxel": npy(np.nan_to_num(SOME_255, nan=255.0), {"missing": 255.0}, values=SOME_255),
+    "a name too high": csv(lambda r, c: flat(r, c).replace("23", "29"), options=RATE, asks="p0, not 23"),
+    "a name twice": csv(lambda r, c: flat(r, c).replace("23", "3"), options=RATE, asks="p3 twice"),
+    "left and right": csv(lambda r, c: f"{SIDES[r // 2]}_{r % 2 * COLS + c}", options=RATE, asks="--part"),
+    "columns in one number": csv(lambda r, c: flat(r, c, "c"), options=RATE, asks="--rows and --cols"),
+    "two numbers with words": csv(
+        lambda r, c: f"h{r // 2}_t{r % 2 * COLS + c}", options=RATE, asks="row and column"
+    ),
+    "one row in brackets": csv(lambda r, c: f"s[0][{r * COLS + c}]"),
+    "numbers of columns": csv(lambda r, c: flat(r, c, ""), says="--header"),
+    "numbers of columns, and a time": csv(lambda r, c: flat(r, c, ""), {"time": seconds()}),
+    "numbers that are data": Case(
+        table(lambda r, c: flat(r, c, "")), SIZE | RATE | {"header": False}, NUMBERED, 0.02 * np.arange(21)
+    ),
+    "numbers that go on": Case(RAMP, SIZE | RATE, asks="--header"),
+    "a row lost from its own output": Case(ROW_LOST, values=without((2, 1)), says="frame 2 has no row 1"),
+    "a missing cell, held": Case(gap("N/A"), SIZE | {"gaps": "hold"}, HELD, says="held"),
+    "a missing cell, refused": Case(gap("N/A"), SIZE | {"gaps": "refuse"}, asks="frame 3, row 0, column 5"),
+    "no time": Case(table(None), SIZE, asks="--rate"),
+    "no size": Case(table(None), RATE, asks="--rows and --cols"),
+    "another size": Case(table(None), RATE | {"rows": 5, "cols": 6}, asks="--rows and --cols"),
+    "a word to skip": csv(None, WORDS, options=RATE | {"skip": 1, "rows": 5, "cols": 5}, asks="--skip"),
+    "a time without a unit": csv(flat, {"t": every("{}")}, options=SIZE, asks="--time-unit"),
+    "a time that falls": csv(
+        None, {"": every("{}", -1)}, options=BY_NUMBER, asks="later than the frame before"
+    ),
+    "halves before the taxels": csv(None, {"": seconds(25)}, options=SIZE, asks="--skip N, --taxels"),
+    "a value too many": Case(table(None).replace("\n", ",1\n", 1), SIZE | RATE, asks="line 2"),
+    "an empty file": Case("", SIZE, asks="at least one line"),
+    "a header only": Case("a,b\n", SIZE, asks="header only"),
+    "a letter in a number": Case(table(None).replace("0", "x", 1), SIZE | RATE, asks="a number"),
+    "a line or a frame": Case("1 2 3 4\n" * 8, RATE, asks="--rows 2 --cols 2 if a line is a frame"),
+    "three names of two columns": Case("a,b,c\n1,2\n", RATE, asks="header = 3 names"),
     "Parquet, stamps of 1970": parquet({"t": pd.to_datetime(TIME, unit="s"), **columns(flat)}, SIZE),
     # Names and orders.
     "names by columns": by_time(lambda r, c: f"r{r}c{c}", "columns"),
@@ -539,6 +594,10 @@ CASES: dict[str, Case] = {
     },
     # Codings and quotes.
     "UTF-16": Case(table(flat, {"time [µs]": seconds(1e6)}, mark="\t").encode("utf-16"), SIZE, file="a.txt"),
+    **{
+        coding: Case(table(flat, {"time [µs]": seconds(1e6)}).encode(coding), SIZE)
+        for coding in ("utf-16-le", "utf-16-be", "utf-32", "utf-8-sig")
+    },
     "Latin-1": Case(table(flat, {"°": ["1"] * COUNT, "t": seconds()}).encode("latin-1"), SIZE),
     "a byte order mark, blank lines": Case("\ufeff" + BLANK_LINES, SIZE | RATE),
     "quoted cells": Case(f'"{QUOTED}"', SIZE),
@@ -564,6 +623,19 @@ CASES: dict[str, Case] = {
     "npy, taxels first": npy(FRAMES.reshape(COUNT, -1).T, SIZE),
     "npy, two hands": npy(HANDS, SIZE, asks="--axes"),
     "npy, one of two hands": npy(HANDS, {"axes": ("frames", 1, "rows", "cols")}),
+    "npy, frames last": npy(np.moveaxis(FRAMES, 0, 2), SIZE),
+    "npy, taxels row by row": npy(FRAMES.reshape(COUNT, -1), SIZE),
+    "npy, frames last by name": npy(np.moveaxis(FRAMES, 0, 2), {"axes": ("rows", "cols", "frames")}),
+    "npy, columns first by name": npy(FRAMES.transpose(0, 2, 1), {"axes": ("frames", "cols", "rows")}),
+    "npy, taxels of one of two hands": npy(
+        np.moveaxis(HANDS, 1, 0).reshape(2, COUNT, -1), SIZE | {"axes": (1, "frames", "taxels")}
+    ),
+    **{
+        f"npy, axes of {shape}": npy(np.arange(math.prod(shape)).reshape(shape), {}, asks="--axes")
+        for shape in ((4, 4, 4), (4, 8, 32), (20, 2, 256), (3, 2, 4, 4), (16, 4))
+    },
+    "npz": Case(npz, SIZE, file="a.npz"),
+    "npz, by name": Case(npz, SIZE | {"key": "force"}, file="a.npz"),
     "npy, 256 columns": npy(WIDE.reshape(5, -1), WIDE_SIZE, values=WIDE, time_s=TIME[:5]),
     "MATLAB 5": Case(mat, file="a.mat"),
     "MATLAB 7.3": Case(mat73, file="a.mat"),
