@@ -16,11 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 from dermis import effects as effect_registry
 from dermis import engines, machine_code, plan
 from dermis.array.array import column_currents
-from dermis.converter.vfc import W_PRESET, code_type
+from dermis.converter.vfc import code_type
 from dermis.decode import crosstalk
 from dermis.decode.calibration import OVERLOAD, Calibration, sheet_factor
 from dermis.decode.calibration import load as load_calibration
-from dermis.decode.decoder import Decoder, Forces, Threaded, check_out, numbers, times
+from dermis.decode.decoder import Decoder, Forces, Threaded, numbers, times
+from dermis.decode.force import start_of
+from dermis.decode.memory import check_out
 from dermis.decode.sheets import Sheets, apply_sheet
 from dermis.engines import closed
 from dermis.errors import InputError
@@ -276,9 +278,8 @@ class Skin(Threaded):
         known.check(self.rows, self.cols, "calibration")
         kinds = [(c.code_max, c.falling, c.divider) for c in (true, known)]
         self._other_read_out = kinds[0] != kinds[1]
-        boards = [
-            (np.isinf(c.network.get("r_row_grounded_ohm", 0.0)), *c.step_a, c.v_bias_v) for c in (true, known)
-        ]
+        open_rows = [np.isinf(c.network.get("r_row_grounded_ohm", 0.0)) for c in (true, known)]
+        boards = [(way, *c.step_a, c.v_bias_v) for way, c in zip(open_rows, (true, known), strict=True)]
         # Another resistor, reference or supply; test currents move a step by some per cent.
         other = self._other_read_out or not np.allclose(*boards, rtol=0.1, atol=0)
         if other and self.plan.front_end is not None:
@@ -291,8 +292,7 @@ class Skin(Threaded):
         inputs = self._network.r_column_ohm
         good = crosstalk.lumped(self._network) and (not inputs.any() or inputs.min() >= LEAST_INPUT_OHM)
         if self.plan.front_end is None:
-            start = -W_PRESET + (converter.v_comp_offset_v - converter.preset_error_v) / converter.packet_v()
-            good = good and (start > 0).all() and (true.full_code == true.code_max).all()
+            good = good and (start_of(converter)[1] > 0).all() and (true.full_code == true.code_max).all()
             good = good and np.all(converter.gain > 0)
         self._compiled = bool(good)
         sensor = self.plan.sensor
@@ -336,9 +336,8 @@ class Skin(Threaded):
         elif chosen.size == 0:
             chosen = np.empty(0, dtype=np.int64)
         elif which is not None and chosen.shape == (sheets,) and sheets > 1 and chosen.max() <= 1:
-            raise ValueError(
-                "which may be a mask or the numbers 0 and 1: use a mask of bool, or other numbers"
-            )
+            said = "a mask or the numbers 0 and 1: use a mask of bool, or other numbers"
+            raise ValueError(f"which may be {said}")
         if chosen.dtype.kind not in "iu" or not ((chosen >= 0) & (chosen < sheets)).all():
             raise ValueError(f"which must be numbers of sheets 0..{sheets - 1}, or a mask of {sheets}")
         chosen = np.unique(chosen)

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dermis import engines, records
 from dermis import plan as planning
-from dermis import records
 from dermis.decode.force import decode, taxels_alone
 from dermis.engines import closed
 from dermis.report import comparison, figures, output
@@ -130,6 +130,14 @@ def test_converter_errors_that_are_known_are_taken_out() -> None:
 FLAT = {"law": "power", "force_points_n": [1.0, 1e9], "r_points_ohm": [1000.0, 998.0]}
 
 
+def total_forces(folder: Path, plan: records.Plan, result: engines.Result) -> list[float | None]:
+    """Return what a run writes of the total force of every frame; its figure is drawn as well."""
+    output.write(folder, plan, result, [])
+    fit = comparison.fit_residual(plan, result.codes)
+    figures.frame_figure(plan, result.codes, fit, folder / "frame.png")
+    return json.loads((folder / "summary.json").read_text())["decoded"]["total_force_n"]
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_law_so_flat_that_no_force_reaches_a_resistance_decodes_to_inf(tmp_path: Path) -> None:
     """Slope 1e-4: 600 ohm would take 1e2285 N. The codes are what they are, and a run writes null for such a force."""
@@ -143,11 +151,8 @@ def test_a_law_so_flat_that_no_force_reaches_a_resistance_decodes_to_inf(tmp_pat
     assert np.isinf(decoded.d_force_n[[0, 3]]).all()
     codes = np.arange(256).reshape(-1, 1, 1)
     assert not np.isnan(decode(plan, codes).d_force_n).any()
-    output.write(tmp_path / "out", plan, result, [])
-    total_n = json.loads((tmp_path / "out/summary.json").read_text())["decoded"]["total_force_n"]
+    total_n = total_forces(tmp_path / "out", plan, result)
     assert total_n == [None, *decoded.force_n[1:3].ravel(), None]
-    fit = comparison.fit_residual(plan, result.codes)
-    figures.frame_figure(plan, result.codes, fit, tmp_path / "frame.png")
 
 
 @pytest.mark.filterwarnings("error")
@@ -161,8 +166,5 @@ def test_forces_at_the_end_of_numbers_run_to_their_end(tmp_path: Path) -> None:
         force_n = decode(plan, result.codes).force_n
         assert np.isfinite(force_n[0]).all() == finite
         assert force_n.max() > 1e299
-        output.write(tmp_path / "out", plan, result, [])
-        total_n = json.loads((tmp_path / "out/summary.json").read_text())["decoded"]["total_force_n"]
+        total_n = total_forces(tmp_path / "out", plan, result)
         assert total_n == [f if np.isfinite(f) else None for f in force_n.sum(axis=(1, 2))]
-        fit = comparison.fit_residual(plan, result.codes)
-        figures.frame_figure(plan, result.codes, fit, tmp_path / "frame.png")

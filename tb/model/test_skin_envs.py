@@ -108,6 +108,8 @@ def test_a_skin_is_made_of_tables_and_keywords() -> None:
         (lambda s: s.read(np.zeros((4, 5, 7))), r"forces_n must be \[3, 5, 7\] or \[frames, 3, 5, 7\]"),
         (lambda s: s.read(np.zeros((5, 7))), "forces_n must be"),
         (lambda s: s.read(np.full((3, 5, 7), np.nan, np.float32)), "finite"),
+        (lambda s: s.read(np.full((3, 5, 7), np.inf)), "finite"),
+        (lambda s: s.read(np.full((3, 5, 7), -1.0)), "0 or above"),
         (lambda s: s.read(np.zeros((3, 5, 7)), out=np.zeros((3, 5, 7))), "out must be"),
         (lambda s: s.read(np.zeros((3, 5, 7)), [1.0, 2.0]), r"t_frame_s must be .*\[3\]"),
         (lambda s: s.read(np.zeros((3, 5, 7)), -1.0), "backwards"),

@@ -19,6 +19,7 @@ from dermis import effects
 from dermis.array.array import Network
 from dermis.converter.vfc import W_PRESET, code, code_type
 from dermis.decode.crosstalk import CARRIED, CORRECTED
+from dermis.decode.force import start_of
 from dermis.decode.law import KINDS, Curve, of_sensor
 from dermis.decode.memory import MemoryLaw
 from dermis.errors import InputError
@@ -41,6 +42,7 @@ UNSEEN_DECADES = 0.05
 """Creep in decades that loads below half a code cause unseen, as they come and go in some tens of milliseconds."""
 
 _PER_COLUMN = "step_a start_code inv_i_range_a step_part start_sigma_code zero_code full_code".split()
+_PIECES, _CREEP = "knots coefficients", "creep_per_decade creep_start_s"
 _NETWORK = CARRIED | CORRECTED
 
 
@@ -208,24 +210,23 @@ class Calibration:
 
     def to_toml(self) -> str:
         """Return the calibration as text; `load` reads the same one."""
-        data: dict[str, Any] = {"format": FORMAT, "notes": list(self.notes)}
-        data["array"] = _values(self, "rows cols g_max_s")
-        data["chip"] = _values(self, "code_max v_bias_v noise_code falling divider", *_PER_COLUMN)
-        data["network"] = _plain(self.network)
-        data["sheet"] = _values(self.curve, "kind logarithmic g_open_s force_on_n")
-        data["sheet"] |= _values(self, "law_part uncorrected_part") | _values(
-            self.curve, "knots coefficients"
-        )
-        data["sheet"] |= _values(self, "factor factor_part")
-        data["own_law"] = [
-            {"row": r, "col": c, **_values(law, "knots coefficients")} for (r, c), law in self.own.items()
-        ]
-        data["memory"] = _values(self.memory, "radius weight creep_per_decade creep_start_s")
-        data["uncertainty"] = {"offset_v2": self.offset_v2.tolist()}
-        data["mode"] = [
-            {"network": _plain(mode.network), "factor_part": mode.factor_part.tolist()} for mode in self.modes
-        ]
-        data["reference"] = [{"row": r, "col": c, "conductance_s": g} for r, c, g in self.reference]
+        sheet = _values(self.curve, "kind logarithmic g_open_s force_on_n")
+        sheet |= _values(self, "law_part uncorrected_part") | _values(self.curve, _PIECES)
+        own = [{"row": r, "col": c, **_values(law, _PIECES)} for (r, c), law in self.own.items()]
+        modes = [{"network": _plain(mode.network), **_values(mode, "factor_part")} for mode in self.modes]
+        data = {
+            "format": FORMAT,
+            "notes": list(self.notes),
+            "array": _values(self, "rows cols g_max_s"),
+            "chip": _values(self, "code_max v_bias_v noise_code falling divider", *_PER_COLUMN),
+            "network": _plain(self.network),
+            "sheet": sheet | _values(self, "factor factor_part"),
+            "own_law": own,
+            "memory": _values(self.memory, "radius weight", _CREEP),
+            "uncertainty": _values(self, "offset_v2"),
+            "mode": modes,
+            "reference": [{"row": r, "col": c, "conductance_s": g} for r, c, g in self.reference],
+        }
         return dumps(data)
 
     def save(self, path: Path) -> None:
@@ -243,14 +244,10 @@ def _of_board(board: FrontEnd) -> dict[str, Any]:
 def _of_chip(plan: Plan) -> dict[str, Any]:
     """Return the fields of a calibration that say how the chip of a plan turns currents into codes."""
     c, gate, code_max = plan.converter, plan.timing.gate_clocks, plan.timing.code_max
-    packet, packet_v = 1.0 + c.packet_error, c.packet_v()
-    start = -W_PRESET + (c.v_comp_offset_v - c.preset_error_v) / packet_v
+    (packet, start), packet_v = start_of(c), c.packet_v()
     step_a = c.k * c.i0_a * packet / (gate * c.gain)
-    level = {
-        "w0": W_PRESET + c.preset_error_v / packet_v,
-        "packet": packet,
-        "threshold": c.v_comp_offset_v / packet_v,
-    }
+    level = {"w0": W_PRESET + c.preset_error_v / packet_v, "packet": packet}
+    level["threshold"] = c.v_comp_offset_v / packet_v
     none, full = (code(part * packet, gate, code_max, **level).astype(float) for part in (0.0, 0.5))
     return {
         "code_max": code_max,
@@ -275,11 +272,11 @@ def sheet_factor(
 
 def _values(of: Any, *names: str) -> dict[str, Any]:
     """Return attributes by name, arrays as lists."""
-    return {name: np.asarray(getattr(of, name)).tolist() for name in " ".join(names).split()}
+    return _plain({name: getattr(of, name) for name in " ".join(names).split()})
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    return {name: np.asarray(value, dtype=float).tolist() for name, value in values.items()}
+    return {name: np.asarray(value).tolist() for name, value in values.items()}
 
 
 def load(path: Path | str) -> Calibration:
@@ -298,12 +295,10 @@ def load(path: Path | str) -> Calibration:
     array, chip, sheet, memory = (_Table(path, n, data.get(n)) for n in ("array", "chip", "sheet", "memory"))
     rows, cols, code_max = array.whole("rows"), array.whole("cols"), chip.whole("code_max")
     taxels, radius = (rows, cols), memory.numbers("radius", None)
-    weight = memory.numbers("weight", radius.shape)
     # The first versions had no codes of none and of full scale, and no uncertainty of offsets.
     first = {"zero_code": [0.0] * cols, "full_code": [code_max] * cols, "falling": False, "divider": False}
-    chip = _Table(path, "chip", first | chip.data)
-    known = {"offset_v2": np.zeros((3, cols)).tolist()}
-    offsets = _Table(path, "uncertainty", data.get("uncertainty", known))
+    chip.data = first | chip.data
+    unknown = {"offset_v2": np.zeros((3, cols)).tolist()}
     kind, logarithmic = sheet.value("kind", str), sheet.value("logarithmic", bool)
     curve = Curve(kind, logarithmic, **sheet.floats("g_open_s force_on_n"), **sheet.pieces())
     if curve.kind not in KINDS:
@@ -316,16 +311,20 @@ def load(path: Path | str) -> Calibration:
         network=_Table(path, "network", data.get("network", {})).network(cols),
         curve=curve,
         factor=sheet.numbers("factor", taxels, positive=True),
-        memory=MemoryLaw(radius, weight, **memory.floats("creep_per_decade creep_start_s")),
-        g_max_s=array.number("g_max_s"),
+        memory=MemoryLaw(radius, memory.numbers("weight", radius.shape), **memory.floats(_CREEP)),
+        **array.floats("g_max_s"),
         own={one.place(rows, cols): replace(curve, **one.pieces()) for one in each("own_law")},
-        reference=tuple((*t.place(rows, cols), t.number("conductance_s")) for t in each("reference")),
+        reference=tuple(
+            (*t.place(rows, cols), *t.floats("conductance_s").values()) for t in each("reference")
+        ),
         factor_part=sheet.numbers("factor_part", taxels),
         **sheet.floats("law_part uncorrected_part"),
         modes=tuple(
             Mode(t.inner("network").network(cols), t.numbers("factor_part", taxels)) for t in each("mode")
         ),
-        offset_v2=offsets.numbers("offset_v2", (3, cols)),
+        offset_v2=_Table(path, "uncertainty", data.get("uncertainty", unknown)).numbers(
+            "offset_v2", (3, cols)
+        ),
         notes=tuple(data.get("notes", ())),
         **{name: chip.value(name, bool) for name in ("falling", "divider")},
         **{name: chip.numbers(name, (cols,), positive=name == "step_a") for name in _PER_COLUMN},
@@ -379,11 +378,8 @@ class _Table:
         knots = self.numbers("knots", None)
         return {"knots": knots, "coefficients": self.numbers("coefficients", (knots.size, 4))}
 
-    def number(self, key: str) -> float:
-        return float(self.numbers(key, ()))
-
     def floats(self, names: str) -> dict[str, float]:
-        return {name: self.number(name) for name in names.split()}
+        return {name: float(self.numbers(name, ())) for name in names.split()}
 
     def numbers(self, key: str, *shapes: Any, finite: bool = True, positive: bool = False) -> Floats:
         """Return an array of one of some shapes; None is any length."""

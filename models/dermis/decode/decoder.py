@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dermis import machine_code
 from dermis.array.array import Network
@@ -21,7 +21,7 @@ from dermis.converter.vfc import code_type
 from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
 from dermis.decode.law import force_of
-from dermis.decode.memory import SheetMemory, undo_frame, writable
+from dermis.decode.memory import SheetMemory, check_out, undo_frame
 from dermis.ndarrays import Floats
 from dermis.scene.sensor_loops import advance_creep
 
@@ -56,10 +56,8 @@ class Forces:
 
     def writable(self, shape: tuple[int, ...]) -> list[NDArray]:
         """Return the four arrays; ValueError unless a compiled loop may write results of this shape into them."""
-        kinds = (float, float, float, np.uint8)
-        return [
-            check_out(a, shape, k, f"out.{n}") for (n, a), k in zip(vars(self).items(), kinds, strict=True)
-        ]
+        kinds = {"force_n": float, "low_n": float, "high_n": float, "flags": np.uint8}
+        return [check_out(getattr(self, n), shape, kind, f"out.{n}") for n, kind in kinds.items()]
 
 
 class Threaded:
@@ -135,10 +133,8 @@ def _spread(k, g, e_down, e_up, u, total, full, hidden, down, up, through, doubt
                     continue
                 lift = 0.0
                 for c in range(cols):
-                    lift += (
-                        g[i, c] * r_column[c] * other[r, c]
-                        + (high - low) * (e_down[i, c] + e_up[i, c]) / v_bias
-                    )
+                    both = (high - low) * (e_down[i, c] + e_up[i, c]) / v_bias
+                    lift += g[i, c] * r_column[c] * other[r, c] + both
                 lifts[i] = lift / (total[i] + k.g_ground)
                 come += part[i] * lift
                 leave += part[i] * total[i]
@@ -434,15 +430,6 @@ def times(t_frame_s: ArrayLike, frames: int, sheets: int = 0) -> Floats:
     if not (np.isfinite(dt_s).all() and (dt_s >= 0).all()):
         raise ValueError("t_frame_s must be finite and 0 or above: time does not run backwards")
     return dt_s.reshape(-1)
-
-
-def check_out(out: object, shape: tuple[int, ...], kind: DTypeLike, name: str) -> NDArray:
-    """Return `out`; ValueError unless a compiled loop may write an array of this shape and type into it."""
-    if not writable(out, shape, kind):
-        wanted = f"a writable, contiguous {np.dtype(kind)} array of shape {list(shape)}"
-        got = f"{out.dtype} {list(out.shape)}" if isinstance(out, np.ndarray) else type(out).__name__
-        raise ValueError(f"{name} must be {wanted}, not {got}")
-    return out
 
 
 def _stacked(cal: Calibration) -> tuple:

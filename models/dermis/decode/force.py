@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dermis.converter.vfc import W_PRESET
+from dermis.converter.vfc import W_PRESET, Converter
 from dermis.ndarrays import Bools, Floats
 from dermis.records import Plan
 
@@ -82,15 +82,19 @@ def decode(plan: Plan, codes: ArrayLike, corrected: bool = False) -> Decoded:
     )
 
 
+def start_of(c: Converter) -> tuple[Floats, Floats]:
+    """Return the charge packet [cols], relative to the ideal one, and what is missing to it at the start of a gate."""
+    return 1.0 + c.packet_error, -W_PRESET + (c.v_comp_offset_v - c.preset_error_v) / c.packet_v()
+
+
 def currents_of_counts(plan: Plan, counts: ArrayLike) -> Floats:
     """Column currents in ampere that a plan's converters read as counts [..., rows, cols], which may be fractions.
 
     Undoes offset, gain, packet, preset, decision level and compression; a count c stands for the middle of its code.
     """
-    c, gate = plan.converter, plan.timing.gate_clocks
-    packet = 1.0 + c.packet_error
-    start = -W_PRESET + (c.v_comp_offset_v - c.preset_error_v) / c.packet_v()
-    x = (start + (np.asarray(counts, dtype=float) - 0.5) * packet) / gate
+    c = plan.converter
+    packet, start = start_of(c)
+    x = (start + (np.asarray(counts, dtype=float) - 0.5) * packet) / plan.timing.gate_clocks
     current = c.k * (x * c.i0_a - c.i_offset_a) / c.gain
     # Beyond the range of the mirror no current makes this duty.
     return current / np.maximum(1.0 - np.abs(current) * c.inv_i_range_a, 1e-9)

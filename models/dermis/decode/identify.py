@@ -144,9 +144,8 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     bad = [name for name, rms in by_load.items() if rms > BAD_LOAD * max(middle, RESIDUAL_MIN)]
     if len(bad) > SHARE_BAD * len(loads) or middle > 0.2:
         worst = ", ".join(sorted(by_load, key=lambda n: -by_load[n])[:4])
-        raise ContradictionError(
-            f"loads contradict each other by {middle:.0%} of a reading; largest: {worst}"
-        )
+        said = f"loads contradict each other by {middle:.0%} of a reading"
+        raise ContradictionError(f"{said}; largest: {worst}")
     good = [load for load in loads if load.name not in bad]
     bad_taxels = _bad_taxels(calibration, good)
     own = fit.calibration.own if len(fit.calibration.own) < fit.calibration.factor.size / 2 else ()

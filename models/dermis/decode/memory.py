@@ -68,10 +68,14 @@ class MemoryLaw:
         return bool(self.radius.size or self.creep_per_decade)
 
 
-def writable(array: object, shape: tuple[int, ...], kind: DTypeLike) -> bool:
-    """Return True if a compiled loop may write an array of this shape and type in place."""
-    fits = isinstance(array, np.ndarray) and array.shape == shape and array.dtype == kind
-    return fits and array.flags.c_contiguous and array.flags.writeable
+def check_out(out: object, shape: tuple[int, ...], kind: DTypeLike, name: str) -> NDArray:
+    """Return `out`; ValueError unless a compiled loop may write an array of this shape and type into it."""
+    fits = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == kind
+    if not (fits and out.flags.c_contiguous and out.flags.writeable):
+        wanted = f"a writable, contiguous {np.dtype(kind)} array of shape {list(shape)}"
+        got = f"{out.dtype} {list(out.shape)}" if isinstance(out, np.ndarray) else type(out).__name__
+        raise ValueError(f"{name} must be {wanted}, not {got}")
+    return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -262,10 +266,8 @@ class SheetMemory:
         """
         ends = low_s, conductance_s, high_s
         for name, array in zip(("low_s", "conductance_s", "high_s"), ends, strict=True):
-            if not (writable(array, self._loaded.shape, float) and (array >= 0).all()):
-                raise ValueError(
-                    f"{name} must be a writable array of {self._loaded.size} doubles, 0 or above"
-                )
+            if not (check_out(array, self._loaded.shape, float, name) >= 0).all():
+                raise ValueError(f"{name} must be 0 or above")
         self._step(dt_s)
         state, law = self.arrays()[:6], (self.law.radius, self.law.weight, self.law.creep_per_decade)
         undo_frame(ends, (low_s.copy(), high_s.copy()), state, self._frame, self._fresh, self._g_open_s, law)

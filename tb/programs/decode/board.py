@@ -85,12 +85,8 @@ class Board:
 
     def scene(self, nominal_ohm: float) -> dict[str, Any]:
         """Return the scene of the board as its user writes it: nominal parts, nothing of the sheet."""
-        circuit = {
-            "circuit": "divider",
-            "resistor_ohm": nominal_ohm,
-            "side": self.side,
-            "idle_rows": self.idle_rows,
-        }
+        circuit = {"circuit": "divider", "resistor_ohm": nominal_ohm, "side": self.side}
+        circuit["idle_rows"] = self.idle_rows
         adc = {"full_scale": self.most, "supply_v": self.supply_v, "reference_v": self.reference_v}
         size, sensor = {"rows": self.rows, "cols": self.cols}, {"k_force_n_ohm": self.k_force_n_ohm}
         return {"array": size, "sensor": sensor, "front_end": circuit | adc}
