@@ -25,13 +25,9 @@ FRAMES = np.round(np.random.default_rng(0).uniform(0, 9, (7, 4, 6)), 3)
 TIME = 100.0 + 0.02 * np.arange(7)
 
 
-NAMES = [f"taxel_{k}" for k in range(24)]
-SIZE = {"rows": 4, "cols": 6}
-
-
-def text(lead: str = "", cells: Callable[[int], str] = lambda n: "") -> str:
-    """Return a csv with a frame a line; with `lead`, the names of leading columns, it has a header."""
-    lines = [lead + ",".join(NAMES)] if lead else []
+def text(lead: str, cells: Callable[[int], str]) -> str:
+    """Return a csv with a frame a line and names; `lead` are those of leading columns."""
+    lines = [lead + ",".join(f"taxel_{k}" for k in range(24))]
     lines += [cells(n) + ",".join(f"{v:g}" for v in frame.ravel()) for n, frame in enumerate(FRAMES)]
     return "\n".join(lines) + "\n"
 
@@ -84,8 +80,6 @@ def test_nothing_that_was_read_is_written_over(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--html"):
         html.reporting("read", path, lambda: 0)
     assert path.read_bytes() == before
-    with pytest.raises(InputError, match="--area"):
-        run(str(path), *said, "--area", "25")
 
 
 def test_results_of_another_file_are_replaced_with_a_warning(
@@ -131,6 +125,12 @@ def test_a_wrong_unit_does_not_pass(tmp_path: Path, factor: float, row: str) -> 
         (["--unit", "newtons", "--mask", "zero.npy"], "no taxel"),
         (["--unit", "newtons", "--out", "touch.npy"], "a directory that can be written"),
         (["--unit", "newtons", "--calibration", "gone.toml"], "gone.toml"),
+        (["--unit", "newtons", "--area", "25"], "--area"),
+        (["--unit", "newtons", "--taxels", "9"], "--taxels"),
+        (["--unit", "newtons", "--axes", "rows,frames"], "--axes"),
+        (["--unit", "newtons", "--missing", "perhaps"], "a number, refuse or hold"),
+        (["--unit", "codes"], "--through-chip"),
+        (["--unit", "codes", "--scale", "2"], "--through-chip"),
     ],
 )
 def test_open_questions_are_asked_in_one_line(
@@ -241,12 +241,6 @@ def test_codes_are_decoded_as_by_skin(tmp_path: Path) -> None:
     assert "--scene or --calibration" in read_array(tmp_path, codes, unit="codes")[1]
 
 
-def test_codes_with_fractions_or_a_scale_are_questions(tmp_path: Path) -> None:
-    for more in ((), ("--scale", "2")):
-        with pytest.raises(InputError, match="--through-chip"):
-            read_array(tmp_path, FRAMES, *more, unit="codes")
-
-
 @pytest.mark.parametrize("unit", ["newtons", "codes"])
 def test_a_missing_value_opens_its_own_interval_only(tmp_path: Path, unit: str) -> None:
     skin = Skin(read.chip_of(4, 6, None))
@@ -272,16 +266,15 @@ def test_a_missing_value_opens_its_own_interval_only(tmp_path: Path, unit: str) 
     assert np.isnan(recording.load(tmp_path / "out/codes.csv", Layout()).values).sum() == 1
     assert read_array(tmp_path, gap, "--missing", "hold", unit=unit)[0] == 0
     assert np.isfinite(decoded(tmp_path / "out")[0]).all()
-    for gaps, asked in (("refuse", "frame 2, row 1, column 3"), ("perhaps", "a number, refuse or hold")):
-        with pytest.raises(InputError, match=asked):
-            read_array(tmp_path, gap, "--missing", gaps, unit=unit)
+    with pytest.raises(InputError, match="frame 2, row 1, column 3"):
+        read_array(tmp_path, gap, "--missing", "refuse", unit=unit)
 
 
 def test_the_command_prints_what_it_understood(tmp_path: Path) -> None:
     path = tmp_path / "touch.csv"
     path.write_text(text("sum,time_ms,", lambda n: f"7,{20 * n},"))
-    base = [str(path), "--rows", "4", "--cols", "6", "--unit", "newtons", "--out", str(tmp_path / "out")]
-    said = run(*base)[1]
+    size = "--rows", "4", "--cols", "6"
+    said = run(str(path), *size, "--unit", "newtons", "--out", str(tmp_path / "out"))[1]
     rate = "50 frames/s, time from time_ms, in ms"
     for line in ("4 rows x 6 columns", rate, "by names, taxel_0", "ignored  sum"):
         assert line in said
@@ -298,9 +291,6 @@ def test_the_command_prints_what_it_understood(tmp_path: Path) -> None:
     words, frame, unit = output.MAPS[-1]
     assert (frame.shape, unit) == ((4, 6), "N")
     assert words.split(",")[0] == said[said.index("frame ") :].split(",")[0]
-    for more, key in ((["--taxels", "9"], "--taxels"), (["--axes", "rows,frames"], "--axes")):
-        with pytest.raises(InputError, match=key):
-            run(*base, *more)
 
 
 # ---- rows of interest

@@ -35,22 +35,6 @@ def test_a_reader_that_errs_is_noticed(monkeypatch: pytest.MonkeyPatch, module, 
     assert noticed in row["note"]
 
 
-@pytest.mark.parametrize(
-    ("file", "content"),
-    [
-        ("a.mcap", b"no bag"),
-        ("a.db3", b"SQLite format 3\0"),
-        ("a.parquet", b"PAR1 no"),
-        ("a.csv.gz", b"\x1f\x8b\x08"),
-    ],
-)
-def test_damaged_files_end_in_one_line(tmp_path: Path, file: str, content: bytes) -> None:
-    (tmp_path / file).write_bytes(content)
-    with pytest.raises(InputError, match="a readable") as error:
-        recording.load(tmp_path / file, recording.Layout())
-    assert "\n" not in str(error.value)
-
-
 @pytest.mark.parametrize("unit", "s sec secs seconds ms msec milliseconds us micros ns nanosec".split())
 def test_units_of_time_are_known(unit: str) -> None:
     wanted = {"s": "s", "m": "ms", "u": "us", "n": "ns"}["u" if unit == "micros" else unit[0]]

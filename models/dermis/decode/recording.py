@@ -79,9 +79,8 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     """
     path = Path(path)
     if layout.rate_hz is not None and (layout.time_key or layout.time_unit):
-        raise InputError(
-            "command line", "--rate", layout.rate_hz, "one of --rate and --time-key or --time-unit"
-        )
+        allowed = "one of --rate and --time-key or --time-unit"
+        raise InputError("command line", "--rate", layout.rate_hz, allowed)
     bag = (path if path.suffix in recording_bag.SUFFIXES else path / "metadata.yaml").is_file()
     data = b"" if bag else read_bytes(path, FILE_BYTES_MAX, ("command line", option, str(path)))
     name = path
@@ -109,14 +108,9 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     if absent.all():
         raise InputError(path, "--missing", layout.missing, "a value that some taxel does not always have")
     frames = np.where(absent, 0.0, frames)
-    if np.isinf(frames).any():
-        n, r, c = np.argwhere(np.isinf(frames))[0]
-        raise InputError(
-            path,
-            f"frame {n}, row {r}, column {c}",
-            float(frames[n, r, c]),
-            "a finite number; 1e15 for an open taxel in ohm",
-        )
+    if (infinite := np.isinf(frames)).any():
+        allowed = "a finite number; 1e15 for an open taxel in ohm"
+        raise InputError(path, place_of(infinite), float(frames[infinite][0]), allowed)
     frames = _gaps(path, frames, layout.gaps)
     time_s, source = _times(path, found, len(frames), layout)
     ignored = tuple(found.ignored)
@@ -134,6 +128,12 @@ def _unpacked(path: Path, data: bytes) -> bytes:
     return unpacked
 
 
+def place_of(which: Bools) -> str:
+    """Return the first place of [frames, rows, cols] that is True, in words."""
+    n, r, c = np.argwhere(which)[0]
+    return f"frame {n}, row {r}, column {c}"
+
+
 def held(frames: Floats) -> Floats:
     """Return frames [frames, rows, cols] with the value before, if there is one, in place of a missing one."""
     last = np.where(np.isnan(frames), 0, np.arange(len(frames))[:, None, None])
@@ -145,8 +145,7 @@ def _gaps(path: Path, frames: Floats, gaps: str) -> Floats:
     missing = np.isnan(frames)
     if not missing.any():
         return frames
-    n, r, c = np.argwhere(missing)[0]
-    where = f"frame {n}, row {r}, column {c}"
+    where = place_of(missing)
     if gaps == "refuse":
         raise InputError(path, where, "missing", "a number in every frame, or --missing hold, or neither")
     said = "forces there are NaN with an open interval"
@@ -307,13 +306,8 @@ def _frames_first(path: Path, values: Floats, found: Found, layout: Layout) -> F
             first_fits, last_fits = first_fits and shape[0] == found.time.size, last_fits and last
         elif None in size:
             # Squares tell the frames; else the frames are by far the most.
-            square_last, square_first = shape[0] == shape[1], shape[1] == shape[2]
-            if square_last and not square_first:
-                first_fits = False
-            elif square_last or not (square_first or shape[0] > max(shape[1:])):
-                raise ask
-            else:
-                last_fits = False
+            first_fits = first_fits and (shape[1] == shape[2] or shape[0] > max(shape[1:]))
+            last_fits = last_fits and shape[0] == shape[1]
         if first_fits == last_fits:
             raise ask
         frames = values if first_fits else np.moveaxis(values, 2, 0)

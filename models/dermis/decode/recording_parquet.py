@@ -45,7 +45,6 @@ class Columns(Table):
         self.sample = [[str(column[n]) for column in self.columns] for n in lines]
 
     def _parts(self, name: str, lists: list[Any]) -> dict[str, Floats]:
-        """Return the columns of a column of lists."""
         shape = np.shape(next((one for one in lists if one is not None), []))
         try:
             array = np.array([np.full(shape, np.nan) if one is None else one for one in lists], dtype=float)

@@ -273,9 +273,8 @@ def is_time(name: str, known: re.Pattern = _TIME) -> bool:
 
 def asks_unit(name: str) -> bool:
     """Return True for the name of a time with more words, which may be a unit."""
-    return (
-        is_time(name) and not is_time(name, _BARE_TIME) and bool(re.search(r"[\[( _.]\W*\w{1,2}\W*$", name))
-    )
+    unit = re.search(r"[\[( _.]\W*\w{1,2}\W*$", name)
+    return is_time(name) and not is_time(name, _BARE_TIME) and unit is not None
 
 
 # ---- tables
@@ -370,15 +369,11 @@ class Table:
         return np.array(block, int), labels
 
     def _names(self) -> list[str]:
-        """Return the names of the columns, or none."""
         first = cells_of(self.lines[0][1], self.mark)
-        width, lists, start = len(first), [], None
-        for k, cell in enumerate(first):
-            if cell.startswith("["):
-                start = k
-            if cell.endswith("]") and start is not None:
-                lists.append((start, k - start + 1))
-                start = None
+        width = len(first)
+        opens = [k for k, cell in enumerate(first) if cell.startswith("[")]
+        closes = [k for k, cell in enumerate(first) if cell.endswith("]")]
+        lists = [(k, end - k + 1) for k, end in zip(opens, closes, strict=False) if k <= end]
         plain = self._cells(self.lines[0][1])
         units: list[str] = []
         for head in reversed(self.head):
@@ -390,7 +385,10 @@ class Table:
                 if len(units) == len(names):
                     pairs = zip(names, _bare(units), strict=True)
                     names = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
-                return self._trimmed(names, width)
+                if self.trailing:
+                    # The mark at the end of every line separates nothing if the header has no name there.
+                    self.trailing = len(names) == width - 1 or not names[-1]
+                return names[:-1] if self.trailing and len(names) == width and not names[-1] else names
             # A list in one column, as ROS tools write arrays.
             for k, count in lists:
                 if k < len(names):
@@ -412,12 +410,6 @@ class Table:
             allowed = f"{len(plain)}, as many as the line below it has values"
             raise self._ask("header", f"{len(cells_of(last, self.mark))} names", allowed)
         return []
-
-    def _trimmed(self, names: list[str], width: int) -> list[str]:
-        if self.trailing:
-            # The mark at the end of every line separates nothing if the header has no name there.
-            self.trailing = len(names) == width - 1 or not names[-1]
-        return names[:-1] if self.trailing and len(names) == width and not names[-1] else names
 
     def _is_numbered(self, cells: list[str]) -> bool:
         """Return True for a first line of numbers of columns: 0, 1, 2, ... or 1, 2, 3, ..."""
@@ -622,10 +614,8 @@ class Table:
                 turned or plain or (words[0] in ROW and words[-1] in COL)
             ):
                 raise self._unclear(first, "names with row and column, as r0c0")
-            shape, by_line = (
-                self._grid(first, numbers := numbers[:, ::-1] if turned else numbers, plain),
-                True,
-            )
+            numbers = numbers[:, ::-1] if turned else numbers
+            shape, by_line = self._grid(first, numbers, plain), True
             place, count = (numbers - numbers.min()) @ (shape[1], 1), shape[0] * shape[1]
         table: list[int | None] = [None] * count
         for k, n in zip(columns, place.tolist(), strict=True):
@@ -897,9 +887,8 @@ def _template(name: str) -> tuple[str, tuple[int, ...]]:
     before = re.match(r"(.*\d.*?)(?=r(?:ow)?[ _]?\d+[ _]?c(?:ol)?[ _]?\d+$)", name, re.IGNORECASE)
     start = before[1] if before else ""
     parts = re.split(r"(\d+)", name[len(start) :])
-    return start.lower() + "#".join(parts[::2]).lower(), tuple(
-        int(n) if len(n) < 19 else PLACES_MAX for n in parts[1::2]
-    )
+    numbers = tuple(int(n) if len(n) < 19 else PLACES_MAX for n in parts[1::2])
+    return start.lower() + "#".join(parts[::2]).lower(), numbers
 
 
 def _is_comment(line: str, *more: str) -> bool:

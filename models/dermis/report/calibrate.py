@@ -91,7 +91,7 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     start, stated = made.curve, scene is not None and "sensor" in read_toml(scenes.find(scene))
     said: list[verdict.Row] = []
 
-    def frames(name: str, key: str, kind: str = "forces") -> NDArray[Any]:
+    def frames(name: str, key: str, unit: str = "codes") -> NDArray[Any]:
         layout = recording.Layout(rows, cols, rate_hz=np.inf, gaps="refuse")
         try:
             read = recording.load(path.parent / name, layout)
@@ -99,9 +99,9 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
         except InputError as error:
             allowed = f"a file to read ({error.key} = {error.value}: {error.allowed})"
             raise InputError(path, key, name, allowed) from None
-        if read.unit not in (None, "newtons" if kind == "forces" else "codes"):
-            raise InputError(path, key, f"{name} in {read.unit}", "newtons" if kind == "forces" else "codes")
-        if kind == "forces":
+        if read.unit not in (None, unit):
+            raise InputError(path, key, f"{name} in {read.unit}", unit)
+        if unit == "newtons":
             if not (found >= 0).all():
                 raise InputError(path, key, name, f"forces from 0; the least is {found.min():g}")
             return found
@@ -118,10 +118,8 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     try:
         if table.current:
             # The same current in every row slot: rows are readings.
-            readings = [
-                frames(c.file, f"current.{n}.file", "codes").reshape(-1, cols)
-                for n, c in enumerate(table.current)
-            ]
+            measured = [frames(c.file, f"current.{n}.file") for n, c in enumerate(table.current)]
+            readings = [read.reshape(-1, cols) for read in measured]
             least = min(len(r) for r in readings)
             currents = np.array([r[:least] for r in readings])
             made = identify.fit_chip(made, currents, [c.current_a for c in table.current])
@@ -134,17 +132,16 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             for n, load in enumerate(table.load):
                 known, key = load.force_n, f"load.{n}.force_n"
                 if isinstance(known, str):
-                    given = frames(known, key)
+                    given = frames(known, key, "newtons")
                     force = given[0]
                     if (given != force).any():
-                        raise InputError(
-                            path, key, f"{known}: {len(given)} frames that differ", "one map of forces"
-                        )
+                        said_frames = f"{known}: {len(given)} frames that differ"
+                        raise InputError(path, key, said_frames, "one map of forces")
                 elif 0 <= known < np.inf:
                     force = np.full((rows, cols), known)
                 else:
                     raise InputError(path, key, known, "a number >= 0, or a file")
-                codes = frames(load.file, f"load.{n}.file", "codes")
+                codes = frames(load.file, f"load.{n}.file")
                 total = codes.sum(axis=(1, 2))
                 if total.max() > STEADY * total.min() + codes[0].size:
                     allowed = f"frames under a steady load; sums of codes are {total.min()} to {total.max()}"
@@ -175,8 +172,8 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             named = ", ".join(fit.bad)
             said.append(verdict.within("calibrate.bad_loads", len(fit.bad), "loads", None, 0, named))
         for cycle in table.cycle:
-            force = frames(cycle.force_n, "cycle.force_n")
-            seen = frames(cycle.file, "cycle.file", "codes")
+            force = frames(cycle.force_n, "cycle.force_n", "newtons")
+            seen = frames(cycle.file, "cycle.file")
             if force.shape != seen.shape:
                 allowed = f"{len(seen)}, as many as of codes"
                 raise InputError(path, "cycle.force_n", f"{len(force)} frames", allowed)
@@ -209,10 +206,8 @@ def drift_rows(new: Calibration, old: Calibration) -> list[verdict.Row]:
     name, why = "calibrate.gain_drift", "drifted: calibrate anew"
     if not (moved := np.nonzero(apart > allowed)[0]).size:
         return [verdict.within(name, float(apart.max()), "1", None, float(allowed.max()))]
-    return [
-        verdict.within(f"{name}.column_{c}", float(apart[c]), "1", None, float(allowed[c]), why)
-        for c in moved
-    ]
+    ends = [(c, float(apart[c]), float(allowed[c])) for c in moved]
+    return [verdict.within(f"{name}.column_{c}", off, "1", None, most, why) for c, off, most in ends]
 
 
 @click.command("calibrate")
@@ -228,9 +223,8 @@ def calibrate_command(recordings: str, out: str | None, check: str | None) -> in
     if target.is_dir():
         raise InputError("command line", "--out", str(target), "a file to write")
     if target.is_file() and not target.read_bytes().startswith(b"format = "):
-        raise InputError(
-            "command line", "--out", str(target), "a new file, or an earlier calibration to replace"
-        )
+        allowed = "a new file, or an earlier calibration to replace"
+        raise InputError("command line", "--out", str(target), allowed)
     made, rows = session(path)
     if check is not None:
         old = calibration.load(check)

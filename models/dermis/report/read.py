@@ -154,13 +154,13 @@ def read_frames(skin: Skin, rec: Recording, force: Floats) -> tuple[Codes, Force
 
 def decode_frames(skin: Skin, rec: Recording, path: str) -> tuple[Codes, Forces, list[verdict.Row]]:
     """Decode the codes of a chip; return them, forces and verdicts. InputError for values that are no codes."""
-    most, missing = skin.decoder.calibration.code_max, np.isnan(rec.values)
+    known, missing = skin.decoder.calibration, np.isnan(rec.values)
+    most = known.code_max
     values = np.where(rec.present, rec.values, 0.0)
     good = missing | ((values >= 0) & (values <= most) & (values == np.floor(values)))
     if not good.all():
-        n, r, c = np.argwhere(~good)[0]
         allowed = f"a code, a whole number 0..{most}; --through-chip sends scaled values through a chip"
-        raise InputError(path, f"frame {n}, row {r}, column {c}", float(values[n, r, c]), allowed)
+        raise InputError(path, recording.place_of(~good), float(values[~good][0]), allowed)
     codes = _filled(values).astype(code_type(most))
     found = _decoded(skin, rec, codes, missing, np.diff(rec.time_s, prepend=rec.time_s[0]))
     present = rec.present & ~missing
@@ -170,13 +170,15 @@ def decode_frames(skin: Skin, rec: Recording, path: str) -> tuple[Codes, Forces,
     total = np.where(present, found.force_n, 0.0).sum(axis=(1, 2))
     unsolved = int((found.flags & UNSOLVED).any(axis=(1, 2)).sum())
     why = "the network does not fit" if unsolved else ""
+    wrong_side = "a wrong counts, side or zero_count of [front_end]"
+    below = float((known.rising(codes) < known.least_code())[present].mean())
     rows = [
         verdict.report("read.decoded.largest_force_n", float(np.nanmax(found.force_n)), "N", ""),
         verdict.report("read.decoded.largest_total_force_n", float(total.max()), "N", ""),
         verdict.within("read.decoded.unsolved_frames", unsolved, "frames", None, 0, why),
-        _below_zero(skin.decoder.calibration, codes, present),
+        verdict.within("read.below_zero_share", below, "1", None, SATURATED_MAX, wrong_side if below else ""),
         _saturated((found.flags & SATURATED) > 0, present, int(pressed.sum())),
-        _largest(skin.decoder.calibration.rising(codes)),
+        _largest(known.rising(codes)),
     ]
     if open_ < width.size:
         median, note = float(np.median(width[np.isfinite(width)])), "median of pressed taxels"
@@ -207,13 +209,6 @@ def _decoded(skin: Skin, rec: Recording, codes: Codes, missing: Bools, dt: Float
     for array in (found.force_n, found.low_n, found.high_n):
         array[:, ~rec.present] = 0.0
     return found
-
-
-def _below_zero(known: calibration.Calibration, codes: Codes, present: Bools) -> verdict.Row:
-    """Judge codes on the other side of that of no current."""
-    share = float((known.rising(codes) < known.least_code())[present].mean())
-    why = "a wrong counts, side or zero_count of [front_end]" if share else ""
-    return verdict.within("read.below_zero_share", share, "1", None, SATURATED_MAX, why)
 
 
 def _saturated(full: Bools, present: Bools, pressed: int) -> verdict.Row:
@@ -305,7 +300,7 @@ def _axes_of(_: click.Context, __: click.Parameter, said: str | None) -> tuple[s
         raise InputError("command line", "--axes", said, allowed) from None
 
 
-def _missing_of(said: tuple[str, ...]) -> dict[str, Any]:
+def _missing_of(_: click.Context, __: click.Parameter, said: tuple[str, ...]) -> dict[str, Any]:
     """Return what --missing says of places without a taxel, and of gaps."""
     found: dict[str, Any] = {}
     for one in said:
@@ -318,13 +313,13 @@ def _missing_of(said: tuple[str, ...]) -> dict[str, Any]:
 
 
 _FILE, _POSITIVE = click.Path(), click.FloatRange(0, 1e9, min_open=True)
-_SKIPPED, _PART = click.IntRange(0, 10_000), click.IntRange(1)
+_RATE, _SKIPPED, _PART = click.FloatRange(1e-6, 1e9), click.IntRange(0, 10_000), click.IntRange(1)
 
 
 @click.command("read")
 @click.argument("file", type=click.Path())
 @click.option("--unit", type=click.Choice(recording.UNITS), help="Unit of the values.")
-@click.option("--rate", type=click.FloatRange(1e-6, 1e9), help="Frames per second, if the file has no times.")
+@click.option("--rate", "rate_hz", type=_RATE, help="Frames per second, if the file has no times.")
 @click.option("--rows", type=click.IntRange(1, 256), help="Rows of the array.")
 @click.option("--cols", type=click.IntRange(1, 256), help="Columns of the array.")
 @click.option("--skip", type=_SKIPPED, help="Leading columns to skip, such as a time or a counter.")
@@ -341,6 +336,7 @@ _SKIPPED, _PART = click.IntRange(0, 10_000), click.IntRange(1)
 @click.option("--time-unit", type=click.Choice(list(recording.TIME_UNITS)), help="Unit of the times.")
 @click.option(
     "--missing",
+    callback=_missing_of,
     multiple=True,
     help="Value that a place without a taxel has in every frame; or refuse or hold, for values missing in some.",
 )
@@ -361,7 +357,6 @@ _SKIPPED, _PART = click.IntRange(0, 10_000), click.IntRange(1)
 def read_command(
     file: str,
     unit: str | None,
-    rate: float | None,
     mask: str | None,
     clip_negative: bool,
     area_mm2: float | None,
@@ -372,8 +367,6 @@ def read_command(
     hdf5: bool,
     bag: str | None,
     through_chip: bool,
-    header: str | None,
-    missing: tuple[str, ...],
     **layout: Any,
 ) -> int:
     """Read a recording: forces with time and intervals.
@@ -384,8 +377,9 @@ def read_command(
     with output.place(BUILD / "read" / Path(file).stem if out is None else out) as target:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
-            layout |= _missing_of(missing) | {"header": None if header is None else header == "yes"}
-            rec = recording.load(file, recording.Layout(rate_hz=rate, **layout))
+            layout["header"] = {"yes": True, "no": False}.get(layout["header"])
+            layout |= layout.pop("missing")
+            rec = recording.load(file, recording.Layout(**layout))
         notes: list[str] = []
 
         def note(said: str) -> None:
@@ -402,9 +396,8 @@ def read_command(
             raise InputError(file, "--unit", unit, f"{rec.unit}, as the file says")
         unit = unit or rec.unit
         if said_area and unit != "kpa":
-            raise InputError(
-                "command line", "--area", area_mm2, f"no such option: it is for --unit kpa, not {unit}"
-            )
+            allowed = f"no such option: it is for --unit kpa, not {unit}"
+            raise InputError("command line", "--area", area_mm2, allowed)
         if mask is not None:
             rec = _masked(rec, mask)
         if clip_negative:
@@ -441,9 +434,8 @@ def read_command(
             force = np.where(rec.present, forces_of(values, unit, chip, area_mm2, scale), 0.0)
             codes, found, judged = read_frames(skin, rec, force)
             if above := int(((found.flags & SATURATED) > 0).sum()):
-                note(
-                    f"{counted(above, 'force')} beyond the range of the read-out, {np.nanmax(force):.4g} N at most"
-                )
+                most = f"{np.nanmax(force):.4g} N at most"
+                note(f"{counted(above, 'force')} beyond the range of the read-out, {most}")
         if own_chip and (own is None or not (own.divider or own.falling)):
             judged += interest_rows(codes, rec.time_s, frame_s)
         told = understood(rec, unit, area_mm2)

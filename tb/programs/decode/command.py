@@ -57,7 +57,6 @@ def noise_free() -> verdict.Row:
 
 
 def tables() -> list[verdict.Row]:
-    """Compare the published tables with their recomputation."""
     rows = [
         verdict.judge(f"decode.table{n}_miss", max(map(published.miss, cells)), f"{len(cells)} cells")
         for n, cells in ((n, published.cells(n)) for n in (4, 6))
@@ -74,7 +73,6 @@ def codes_of_force(plan: Plan, force: Floats) -> Floats:
 
 
 def covered(found: Forces, force: Floats) -> Bools:
-    """Return True where a force lies in its interval."""
     return (found.low_n <= force * SLACK) & (force <= found.high_n * SLACK)
 
 
@@ -84,7 +82,6 @@ def without_memory(known: Calibration) -> Calibration:
 
 
 def rms(errors: Floats) -> float:
-    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(errors**2)))
 
 
@@ -95,9 +92,8 @@ def worn() -> verdict.Row:
     true = codes_of_force(plan, plan.force_n)
     with tempfile.TemporaryDirectory() as held:
         file = Path(held) / "sheet.toml"
-        identified, _ = calibrate.session(
-            session.write(Path(held), Skin(plan), np.geomspace(0.5, 20.0, 40), "table")
-        )
+        path = session.write(Path(held), Skin(plan), np.geomspace(0.5, 20.0, 40), "table")
+        identified, _ = calibrate.session(path)
         identified.save(file)
         known = calibration.load(file)
     found = Decoder(known, plan.drive.t_frame_s).decode(codes)
@@ -152,7 +148,6 @@ def hysteresis() -> verdict.Row:
 
 
 def random_world(rng: np.random.Generator) -> dict[str, Any]:
-    """Return the effects of an unseen scene."""
     effects: dict[str, Any] = {
         "row_driver": {"r_ohm": float(rng.uniform(0, 10))},
         "column_input": {"r_ohm": float(rng.uniform(0, 5))},
@@ -169,7 +164,6 @@ def random_world(rng: np.random.Generator) -> dict[str, Any]:
 
 
 def random_touch(rng: np.random.Generator) -> dict[str, Any]:
-    """Return the stimulus of an unseen scene."""
     shape = ["flat", "triangular", "cylindrical", "spherical"][rng.integers(4)]
     return {
         "kind": "ramp", "shape": shape, "force_n": [0.0, float(rng.uniform(3, 18)), 0.0], "frames": 25,
@@ -217,7 +211,6 @@ def coverage_row() -> verdict.Row:
 
 
 def kinds_row() -> verdict.Row:
-    """Judge files of every kind."""
     wrong, count = {}, len(kinds.CASES)
     for name, case in kinds.CASES.items():
         with tempfile.TemporaryDirectory() as held:

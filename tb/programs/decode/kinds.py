@@ -103,10 +103,11 @@ def table(
     mark: str = ",",
     point: str = ".",
     middle: dict[str, Sequence[str]] | None = None,
+    frames: Floats = FRAMES,
 ) -> str:
     """Return a text with a frame a line: columns `lead`, the taxels by `order`, and columns amid the taxels."""
     places = files.ordered(list(np.ndindex(ROWS, COLS)), order, name)
-    columns = [(name(*at) if name else "", cells(FRAMES[:, *at], point)) for at in places]
+    columns = [(name(*at) if name else "", cells(frames[:, *at], point)) for at in places]
     columns[9:9] = list((middle or {}).items())
     columns[:0] = list((lead or {}).items())
     return "\n".join(files.lines_of(columns, mark, name is not None)) + "\n"
@@ -232,7 +233,6 @@ def mat73(path: Path) -> None:
 
 
 def parquet(made: dict[str, Any], options: dict[str, Any] | None = None, **told: Any) -> Case:
-    """Return the case of columns as Parquet."""
     told = {"file": "a.parquet"} | told
     return Case(lambda path: pq.write_table(pa.table(made), path), options or {}, **told)
 
@@ -309,7 +309,6 @@ Topic = tuple[str, Sequence[Any]]
 
 
 def messages(kind: str, made: Callable[[int, Any], Any], frames: Floats = FRAMES) -> Topic:
-    """Return the type and the messages of a recording."""
     return kind, [made(ns, f) for ns, f in zip(STAMPS, frames, strict=True)]
 
 
@@ -374,7 +373,7 @@ def csv(
 ) -> Case:
     """Return the case of a csv: of a known size, and of a known rate if no column is a time, if not told otherwise."""
     options = SIZE if "time" in " ".join(lead or {}).lower() else SIZE | RATE
-    made = {key: told.pop(key) for key in ("order", "mark", "point", "middle") if key in told}
+    made = {key: told.pop(key) for key in ("order", "mark", "point", "middle", "frames") if key in told}
     return Case(table(name, lead, **made), **({"options": options} | told))
 
 
@@ -424,10 +423,7 @@ SLOW = [1_020_000 * n for n in range(COUNT)]
 PARTS = {"sec": [str(us // 10**6) for us in SLOW], "usec": [str(us % 10**6) for us in SLOW]}
 EXCEL = {"time": [f"{45352 + n / 1440:.8f}" for n in range(COUNT)]}
 AGAIN = {"time": seconds(), "seq": [str(n % 12) for n in range(COUNT)]}
-TWICE_TEXT = ",".join(["seq", *(f"p{n}" for n in range(ROWS * COLS))]) + "\n"
-TWICE_TEXT += "".join(
-    f"{n // 2 if n < 4 else n - 2},{','.join(cells(FRAMES[n // 2].ravel()))}\n" for n in range(COUNT)
-)
+TWICE_SEQ = {"seq": [str(n // 2 if n < 4 else n - 2) for n in range(COUNT)]}
 TAGGED = "".join("D:" + ",".join(cells(f.ravel())) + ",77\n" for f in FRAMES)
 ARROWS = "".join(f"12:00:00.{20 * n:03d} -> {','.join(cells(f.ravel()))}\n" for n, f in enumerate(FRAMES))
 OWN_TIMES = "time_s,row," + ",".join(f"c{c}" for c in range(COLS)) + "\n"
@@ -476,7 +472,7 @@ CASES: dict[str, Case] = {
     "two units in comments": Case("# unit: N\n# unit: mN\n" + table(None), SIZE | RATE, says="several units"),
     "names with a comma": csv(lambda r, c: f'"p[{r},{c}]"', {"t": seconds()}, options={}),
     "rows with a time of their own": Case(OWN_TIMES, {"cols": COLS}),
-    "doubled frames": Case(TWICE_TEXT, SIZE | RATE, DOUBLED, says="twice"),
+    "doubled frames": csv(flat, TWICE_SEQ, frames=DOUBLED, values=DOUBLED, says="twice"),
     "day and month that tell each other": csv(flat, DAYS_FIRST, time_s=86400.0 * np.arange(COUNT)),
     "a comment about another unit": Case("# load cell unit: kg\n" + table(None), SIZE | RATE),
     "words in brackets": csv(lambda r, c: f"r{r}c{c} (left)", {"time (host)": seconds()}, options={}),
@@ -546,6 +542,11 @@ CASES: dict[str, Case] = {
     "a line or a frame": Case("1 2 3 4\n" * 8, RATE, asks="--rows 2 --cols 2 if a line is a frame"),
     "three names of two columns": Case("a,b,c\n1,2\n", RATE, asks="header = 3 names"),
     "Parquet, stamps of 1970": parquet({"t": pd.to_datetime(TIME, unit="s"), **columns(flat)}, SIZE),
+    # Damaged files.
+    "no mcap": Case(b"no bag", asks="a readable", file="a.mcap"),
+    "no db3": Case(b"SQLite format 3\0", asks="a readable", file="a.db3"),
+    "no Parquet": Case(b"PAR1 no", asks="a readable", file="a.parquet"),
+    "no gzip": Case(b"\x1f\x8b\x08", asks="a readable", file="a.csv.gz"),
     # Names and orders.
     "names by columns": by_time(lambda r, c: f"r{r}c{c}", "columns"),
     "names descending": by_time(flat, "descending", options=SIZE),
