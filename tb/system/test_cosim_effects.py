@@ -23,6 +23,7 @@ Parameters = dict[str, object]
 # Where the example of the registry moves codes by 1 LSB or less: the LSB that a code moves by at least, stronger
 # parameters, and the company that they need.
 STRONGER: dict[str, tuple[int, Parameters, dict[str, Parameters]]] = {
+    "lateral": (3, {"r_ohm": 500.0}, {"column_input": {"r_ohm": 5.0}}),
     "column_offset": (5, {"v_v": 8e-3}, {}),
     "integrator_gain": (2, {"gain_dc": 50.0, "r_in_ohm": 5e4}, {}),
     "comparator_offset": (3, {"v_v": 3.3}, {}),
@@ -59,7 +60,7 @@ def test_an_effect_alone_reads_as_in_the_event_engine(
             resistance_plan(OHM, topology, f"{name} = true")
         return
     least, value, company = alone(name, topology)
-    ohm = OHM if name in ("motion", "supply_ripple") else OHM[:1]
+    ohm = OHM[: 2 if name in ("motion", "supply_ripple") else 1, 1:]
     made = resistance_plan(ohm, topology, scene_of(company | {name: value}))
     got = reader.codes(made)
     # A count may fall either side of a half in another engine's rounding.
