@@ -241,7 +241,8 @@ class ClockLoop:
     def trace(self) -> list[list[int]]:
         """End the loop; return every net after events 1, 2, ..."""
         _, _, *nets = self._kept()
-        return [[int.from_bytes(row.astype("<u4").tobytes(), "little") for row in net[1:]] for net in nets]
+        words = [net[1:].astype("<u4") for net in nets]
+        return [[int.from_bytes(row.tobytes(), "little") for row in net] for net in words]
 
 
 def _limit(number: int, most: int, what: str) -> None:
