@@ -42,12 +42,6 @@ def run_read(folder: Path, counts: np.ndarray, *arguments: str) -> tuple[int, An
     return done.return_value, arrays, [row["name"] for row in verdicts if row["status"] == "FAIL"]
 
 
-def inside(found: Any, force: np.ndarray) -> np.ndarray:
-    """Return True where a force lies in its interval."""
-    # Forces on the edge of an interval round by some 1e-15 either way.
-    return (found.low_n <= force * (1 + 1e-9)) & (force <= found.high_n * (1 + 1e-9))
-
-
 def board(**changes: Any) -> Board:
     """A board of 12 bits with exact dividers and equal taxels."""
     given: dict[str, Any] = {
@@ -83,7 +77,7 @@ def test_counts_of_a_dense_solve_are_those_of_a_skin_and_come_back(changes: dict
     assert np.array_equal(skin.read(force), counts)
     found = skin.decode(counts)
     assert not (found.flags & UNSOLVED).any()
-    assert inside(found, force).all()
+    assert found.holds(force).all()
     assert np.median(found.high_n - found.low_n) < median_n
     # Without the decoder a taxel's force is wrong by far more.
     error, before = (np.sqrt(np.mean((f - force) ** 2)) for f in (found.force_n, made.force_of(counts)))
@@ -111,7 +105,7 @@ def test_a_session_calibrates_a_board_and_the_command_reads_its_counts(tmp_path:
     off = made.alone(found.force_n) - made.alone(force)
     # Rounding and noise of a count; laterals of 0.6 of the dividers make them 2.4 times as large, a quarter is the fit.
     assert np.sqrt(np.mean(off**2)) < 1.25 * np.hypot(1 / np.sqrt(12), 0.3) * np.hypot(2.2, 0.6 * np.sqrt(2))
-    assert inside(found, force).mean() > 0.999
+    assert found.holds(force).mean() > 0.999
 
 
 def test_an_amplifier_reads_both_ways_and_an_adc_may_round_down() -> None:
@@ -135,7 +129,7 @@ def test_an_amplifier_reads_both_ways_and_an_adc_may_round_down() -> None:
         part = np.array([made.column_volts(frame) for frame in force]) * (4096 / 3.3)
         counts = np.clip(np.floor(part if side == "ground" else 4096 - part), 0, 4095).astype(int)
         found = skin.decode(counts)
-        assert inside(found, force).all()
+        assert found.holds(force).all()
         # Rounding leaves a quarter of a count in the middle; the other way round it would be three quarters.
         assert np.abs((made.alone(found.force_n) - made.alone(force))[counts % 4095 > 0]).mean() < 0.5
 
@@ -248,6 +242,6 @@ def test_counts_at_both_ends_and_missing_ones(tmp_path: Path, side: str) -> None
     assert code == 0
     assert np.isnan(found.force_n[3, 2, 4])
     assert np.isinf(found.high_n[3, 2, 4])
-    assert inside(found, force).all()
+    assert found.holds(force).all()
     with pytest.raises(ValueError, match="codes must be"):
         Decoder(skin.decoder.calibration, 0.01).decode(np.full((ROWS, COLS), made.most + 1))

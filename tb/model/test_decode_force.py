@@ -86,9 +86,7 @@ def test_loads_that_no_law_fits_are_refused(kind: str, force: list[float]) -> No
 def test_every_force_lies_in_its_interval_and_most_are_two_codes_wide() -> None:
     plan = made()
     found = decoder_of(plan).decode(closed.run(plan).codes)
-    slack = 1 + 1e-9
-    assert (found.low_n <= plan.force_n * slack).all()
-    assert (plan.force_n <= found.high_n * slack).all()
+    assert found.holds(plan.force_n).all()
     lsb_n = 15 / 255
     pressed = plan.force_n > lsb_n
     assert np.sqrt(np.mean((found.force_n - plan.force_n)[pressed] ** 2)) < 0.4 * lsb_n
@@ -107,8 +105,7 @@ def test_a_saturated_taxel_has_an_open_end_and_its_row_is_still_covered() -> Non
     assert ((found.flags & SATURATED > 0) == full).all()
     assert np.isinf(found.high_n[full]).all()
     assert np.isfinite(found.high_n[~full]).all()
-    # Forces on the edge of an interval round by some 1e-15 either way.
-    assert ((found.low_n <= plan.force_n * (1 + 1e-9)) & (plan.force_n <= found.high_n * (1 + 1e-9))).all()
+    assert found.holds(plan.force_n).all()
     assert ((found.flags & ZERO > 0) == (codes == 0)).all()
 
 
@@ -136,7 +133,7 @@ def test_a_reference_taxel_tells_the_temperature() -> None:
     assert np.abs(blind.force_n - force).max() > 0.5
     # Half a code of the reference's 90 adds to half a code.
     assert np.abs(seeing.force_n - force).max() < 0.1
-    assert ((seeing.low_n <= force) & (force <= seeing.high_n)).all()
+    assert seeing.holds(force).all()
 
 
 def test_a_calibration_survives_its_file(tmp_path: Path) -> None:

@@ -91,7 +91,7 @@ def test_loads_tell_the_network_the_taxels_and_the_law() -> None:
     assert np.sqrt(np.mean((found.force_n - force) ** 2)) < 1.0 * lsb_n
     before = Decoder(blank(), 2e-3).decode(codes)
     assert np.sqrt(np.mean((before.force_n - force) ** 2)) > 5 * lsb_n
-    assert ((found.low_n <= force) & (force <= found.high_n)).mean() >= 0.999
+    assert found.holds(force).mean() >= 0.999
 
 
 def test_an_interval_holds_the_uncertainty_of_offset_voltages() -> None:
@@ -102,8 +102,7 @@ def test_an_interval_holds_the_uncertainty_of_offset_voltages() -> None:
     unsure = dataclasses.replace(known, offset_v2=np.array([[4e-8], [0.0], [0.0]]))
     force = np.random.default_rng(9).uniform(1, 12, (20, SIZE, SIZE))
     codes = sheet.read(force)
-    both = [Decoder(one, 2e-3).decode(codes) for one in (known, unsure)]
-    inside = [((found.low_n <= force) & (force <= found.high_n)).mean() for found in both]
+    inside = [Decoder(one, 2e-3).decode(codes).holds(force).mean() for one in (known, unsure)]
     assert inside[0] < 0.5
     assert inside[1] == 1
 

@@ -22,7 +22,7 @@ from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
 from dermis.decode.law import force_of
 from dermis.decode.memory import SheetMemory, check_out, undo_frame
-from dermis.ndarrays import Floats
+from dermis.ndarrays import Bools, Floats
 from dermis.scene.sensor_loops import advance_creep
 
 ZERO, SATURATED, SHORT, UNSOLVED, NEAR_SATURATED = 1, 2, 4, 8, 16
@@ -58,6 +58,12 @@ class Forces:
         """Return the four arrays; ValueError unless a compiled loop may write results of this shape into them."""
         kinds = {"force_n": float, "low_n": float, "high_n": float, "flags": np.uint8}
         return [check_out(getattr(self, n), shape, kind, f"out.{n}") for n, kind in kinds.items()]
+
+    def holds(self, force_n: Floats) -> Bools:
+        """Return True where a force in newtons lies in its interval."""
+        # Bounds are computed in two steps of rounding, each far below 1e-9 of the force.
+        slack = 1 + 1e-9
+        return (self.low_n <= force_n * slack) & (force_n <= self.high_n * slack)
 
 
 class Threaded:

@@ -137,8 +137,7 @@ def read_frames(skin: Skin, rec: Recording, force: Floats) -> tuple[Codes, Force
         kept = np.where(present & np.isfinite(forces), forces, 0.0)
         for key, (value, unit) in error_figures(force, kept, rec.time_s, used).items():
             rows.append(verdict.report(f"read.{name}.{key}", value, unit, "pressed taxels below full scale"))
-    # Bounds are computed in two steps of rounding, each far below 1e-9 of the force.
-    inside = (found.low_n <= force * (1 + 1e-9)) & (force <= found.high_n * (1 + 1e-9))
+    inside = found.holds(force)
     rows.append(_saturated(full, present, int((present & (force > 0)).sum())))
     covered = float(inside[present].mean())
     # The bound of a saturated taxel, g_max_s, need not hold for forces of a wrong unit.

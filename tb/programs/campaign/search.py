@@ -135,9 +135,7 @@ def skin_counts(kind: str, seed: int, number: int) -> dict[str, int]:
         counts["codes"] = codes.size
     found = skin.decode(codes)
     kept = (found.flags & FLAGGED == 0) & finite
-    # Roundings of the law at the edge of a code.
-    inside = (found.low_n <= force * (1 + 1e-9)) & (force * (1 - 1e-9) <= found.high_n)
-    counts["cells"], counts["missed"] = int(kept.sum()), int((kept & ~inside).sum())
+    counts["cells"], counts["missed"] = int(kept.sum()), int((kept & ~found.holds(force)).sum())
     return counts
 
 

@@ -16,7 +16,7 @@ from dermis.decode import calibration, crosstalk, identify, memory, recording
 from dermis.decode.calibration import Calibration
 from dermis.decode.decoder import SATURATED, Decoder, Forces
 from dermis.engines import closed, event
-from dermis.ndarrays import Bools, Floats
+from dermis.ndarrays import Floats
 from dermis.places import BUILD
 from dermis.processes import cpu_time
 from dermis.records import Plan
@@ -32,8 +32,6 @@ FULL_N = 15.0
 """Full scale of the design's sheet."""
 FILES = 2000
 """Recordings that are drawn."""
-SLACK = 1 + 1e-9
-"""Rounding of a force that lies on the end of its interval."""
 
 
 def made(stimulus: dict[str, Any] | None = None, engine: str = "closed", **tables: Any) -> Plan:
@@ -72,10 +70,6 @@ def codes_of_force(plan: Plan, force: Floats) -> Floats:
     return plan.timing.gate_clocks * duty
 
 
-def covered(found: Forces, force: Floats) -> Bools:
-    return (found.low_n <= force * SLACK) & (force <= found.high_n * SLACK)
-
-
 def without_memory(known: Calibration) -> Calibration:
     """Return a calibration that knows neither hysteresis nor creep."""
     return dataclasses.replace(known, memory=memory.MemoryLaw(np.empty(0), np.empty(0)))
@@ -102,7 +96,7 @@ def worn() -> verdict.Row:
     off, least, before = (codes_of_force(plan, f) - true for f in (found.force_n, exact.force_n, plain))
     note = (
         f"largest {np.abs(off).max():.3g} at the turn of the load; {rms(least):.3g} rms with exact parameters, "
-        f"{rms(before):.3g} uncorrected; {covered(found, plan.force_n).mean():.4%} in their interval"
+        f"{rms(before):.3g} uncorrected; {found.holds(plan.force_n).mean():.4%} in their interval"
     )
     return verdict.judge("decode.force_error_lsb", rms(off), note)
 
@@ -202,7 +196,7 @@ def coverage_row() -> verdict.Row:
         codes = engine.run(plan).codes
         found = Decoder(known, plan.drive.t_frame_s).decode(codes)
         pressed = (codes > 0) & (codes < plan.timing.code_max)
-        inside.append(covered(found, plan.force_n).ravel())
+        inside.append(found.holds(plan.force_n).ravel())
         widths.append((found.high_n - found.low_n)[pressed] / (FULL_N / 255))
     width, share = float(np.median(np.concatenate(widths))), np.concatenate(inside)
     note = f"{len(inside)} scenes, {share.size} readings; median width {width:.3g} LSB where pressed"
@@ -266,7 +260,7 @@ def board_force() -> verdict.Row:
         errors.append(rms(off))
         notes.append(
             f"{bits} bits {rms(off):.3g}, {rms(off[force > 0]):.3g} where pressed, {rms(before):.3g} uncorrected, "
-            f"{rms(found.force_n - force):.3g} N, {covered(found, force).mean():.4%} in their interval"
+            f"{rms(found.force_n - force):.3g} N, {found.holds(force).mean():.4%} in their interval"
         )
     return verdict.judge("board.force_error", max(errors), "; ".join(notes))
 
