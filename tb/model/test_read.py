@@ -2,13 +2,15 @@
 """`dermis read`: every format gives the same frames, what is missing is asked for, and a wrong unit does not pass."""
 
 import dataclasses
+import functools
 import json
 from collections.abc import Callable
 from pathlib import Path
 
+import commands
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import decoded, failed, read_array
 from numpy.typing import ArrayLike
 
 from dermis.chip.spi_protocol import RowsOfInterest
@@ -16,7 +18,7 @@ from dermis.decode import recording
 from dermis.decode.calibration import Calibration
 from dermis.decode.recording import Layout
 from dermis.errors import InputError
-from dermis.report import html, output, read, verdict
+from dermis.report import html, output, read
 from dermis.scene.design import ROOT
 from dermis.scene.schema import write_toml
 from dermis.skin import Skin
@@ -32,38 +34,22 @@ def text(lead: str, cells: Callable[[int], str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def run(*arguments: str) -> tuple[int, str]:
-    done = CliRunner().invoke(read.read_command, [*arguments], standalone_mode=False)
-    if done.exception is not None:
-        raise done.exception
-    return done.return_value, done.output
-
-
-def read_array(folder: Path, values: np.ndarray, *options: str, unit: str = "newtons", rate: str = "50"):
-    """Read an array by the command, with results in out/; return the exit code and what it prints."""
-    np.save(folder / "touch.npy", values)
-    said = "--unit", unit, "--rate", rate, "--out", str(folder / "out")
-    return run(str(folder / "touch.npy"), *said, *map(str, options))
-
-
-@pytest.fixture(autouse=True)
-def _rows_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verdict, "write_rows", lambda *_: None)
+run = functools.partial(commands.run, read.read_command)
 
 
 def test_the_command_writes_codes_and_forces_with_time(tmp_path: Path) -> None:
     path, out = tmp_path / "touch.csv", tmp_path / "out"
     path.write_text(text("time_s,", lambda n: f"{TIME[n]:.3f},"))
-    status, said = run(str(path), "--rows", "4", "--cols", "6", "--unit", "newtons", "--out", str(out))
+    status, said = run(path, "--rows", 4, "--cols", 6, "--unit", "newtons", "--out", out)
     assert status == 0, said
-    force, low, high = (np.load(out / f"forces{part}_n.npy") for part in ("", "_low", "_high"))
+    found = decoded(out)
     # Half a code of 15 N, and a tenth for the network that is taken back.
-    assert np.abs(force - FRAMES).max() < 0.6 * 15 / 255
-    assert ((low <= FRAMES) & (FRAMES <= high)).all()
+    assert np.abs(found.force_n - FRAMES).max() < 0.6 * 15 / 255
+    assert found.holds(FRAMES).all()
     table = np.genfromtxt(out / "forces_n.csv", delimiter=",", names=True)
     assert table["time_s"][::4] == pytest.approx(0.02 * np.arange(7))
     # The csv has six digits.
-    assert table["c5"].reshape(7, 4) == pytest.approx(force[:, :, 5], rel=1e-5)
+    assert table["c5"].reshape(7, 4) == pytest.approx(found.force_n[:, :, 5], rel=1e-5)
     columns = np.genfromtxt(out / "codes.csv", delimiter=",", names=True)
     assert (columns["c0"].reshape(7, 4) == np.load(out / "codes.npy")[:, :, 0]).all()
     summary = json.loads((out / "summary.json").read_text())
@@ -74,9 +60,9 @@ def test_the_command_writes_codes_and_forces_with_time(tmp_path: Path) -> None:
 
 def test_nothing_that_was_read_is_written_over(tmp_path: Path) -> None:
     np.save(path := tmp_path / "forces_n.npy", FRAMES)
-    before, said = path.read_bytes(), ("--unit", "newtons", "--rate", "50")
+    before = path.read_bytes()
     with pytest.raises(InputError, match="would replace forces_n"):
-        run(str(path), *said, "--out", str(tmp_path))
+        run(path, "--unit", "newtons", "--rate", 50, "--out", tmp_path)
     with pytest.raises(InputError, match="--html"):
         html.reporting("read", path, lambda: 0)
     assert path.read_bytes() == before
@@ -89,7 +75,7 @@ def test_results_of_another_file_are_replaced_with_a_warning(
     for side in ("left", "right"):
         (tmp_path / side).mkdir()
         np.save(tmp_path / side / "touch.npy", FRAMES)
-        said = run(str(tmp_path / side / "touch.npy"), "--unit", "newtons", "--rate", "50")[1]
+        said = run(tmp_path / side / "touch.npy", "--unit", "newtons", "--rate", 50)[1]
     assert f"replaces the results of {tmp_path / 'left'}" in said
 
 
@@ -101,15 +87,13 @@ def test_counts_of_a_board_that_runs_the_other_way_fail(tmp_path: Path) -> None:
         scene.write_text(write_toml({"front_end": board | {"counts": way}}))
         done = read_array(tmp_path, counts, "--scene", scene, unit="codes")
         assert done[0] == status, done[1]
-    verdicts = json.loads((tmp_path / "out/summary.json").read_text())["verdicts"]
-    assert "read.below_zero_share" in [v["name"] for v in verdicts if v["status"] == "FAIL"]
+    assert "read.below_zero_share" in failed(tmp_path / "out")
 
 
 @pytest.mark.parametrize(("factor", "row"), [(1000.0, "read.saturated_share"), (0.001, "read.largest_code")])
 def test_a_wrong_unit_does_not_pass(tmp_path: Path, factor: float, row: str) -> None:
     assert read_array(tmp_path, FRAMES * factor)[0] == 1
-    verdicts = json.loads((tmp_path / "out/summary.json").read_text())["verdicts"]
-    assert [v["name"] for v in verdicts if v["status"] == "FAIL"] == [row]
+    assert failed(tmp_path / "out") == [row]
 
 
 @pytest.mark.paper
@@ -214,10 +198,6 @@ lateral = {r_ohm = 1000.0}
 """Drivers and inputs that take 2.3 N of 8 N away."""
 
 
-def decoded(out: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return tuple(np.load(out / f"forces{part}_n.npy") for part in ("", "_low", "_high"))
-
-
 def test_codes_are_decoded_as_by_skin(tmp_path: Path) -> None:
     (tmp_path / "chip.toml").write_text(WEAK + "[array]\nrows = 8\ncols = 8\n")
     skin = Skin(tmp_path / "chip.toml")
@@ -229,15 +209,15 @@ def test_codes_are_decoded_as_by_skin(tmp_path: Path) -> None:
     for chip in chips:
         status, said = read_array(tmp_path, codes, *chip, unit="codes")
         assert status == 0, said
-        force_n, low, high = decoded(tmp_path / "out")
-        assert (force_n == wanted.force_n).all()
+        found = decoded(tmp_path / "out")
+        assert (found.force_n == wanted.force_n).all()
         # Half a code of 15 N.
-        assert np.abs(force_n - 8).max() < 0.5 * 15 / 255 * 1.5
-        assert ((low <= 8) & (high >= 8)).all()
+        assert np.abs(found.force_n - 8).max() < 0.5 * 15 / 255 * 1.5
+        assert found.holds(force).all()
         assert (np.load(tmp_path / "out/codes.npy") == codes).all()
     # Taken as forces of an ideal chip they are 2 N less.
     assert read_array(tmp_path, codes, *chips[0], "--through-chip", unit="codes")[0] == 0
-    assert np.abs(decoded(tmp_path / "out")[0] - 8).max() > 1
+    assert np.abs(decoded(tmp_path / "out").force_n - 8).max() > 1
     assert "--scene or --calibration" in read_array(tmp_path, codes, unit="codes")[1]
 
 
@@ -246,26 +226,26 @@ def test_a_missing_value_opens_its_own_interval_only(tmp_path: Path, unit: str) 
     skin = Skin(read.chip_of(4, 6, None))
     values = FRAMES if unit == "newtons" else skin.read(FRAMES).astype(float)
     read_array(tmp_path, values, unit=unit)
-    whole = decoded(tmp_path / "out")[0]
+    whole = decoded(tmp_path / "out").force_n
     gap = values.copy()
     gap[2, 1, 3] = np.nan
     status, said = read_array(tmp_path, gap, unit=unit)
     assert status == 0, said
-    force, low, high = decoded(tmp_path / "out")
-    assert np.argwhere(np.isnan(force)).tolist() == [[2, 1, 3]]
-    assert (low[2, 1, 3], high[2, 1, 3]) == (0, np.inf)
-    others = ~np.isnan(force)
+    found = decoded(tmp_path / "out")
+    assert np.argwhere(np.isnan(found.force_n)).tolist() == [[2, 1, 3]]
+    assert (found.low_n[2, 1, 3], found.high_n[2, 1, 3]) == (0, np.inf)
+    others = ~np.isnan(found.force_n)
     # A code of another taxel moves these by the droop that its current makes: less than a code of 15 N.
-    assert np.abs(force - whole)[others].max() < 15 / 255
-    assert np.isfinite(high[others]).all()
-    assert ((low <= FRAMES) & (high >= FRAMES))[others].all()
+    assert np.abs(found.force_n - whole)[others].max() < 15 / 255
+    assert np.isfinite(found.high_n[others]).all()
+    assert found.holds(FRAMES).all()
     with pytest.warns(UserWarning, match="1 missing value in 1 frame,"):
         back = recording.load(tmp_path / "out/forces_n.csv", Layout())
     # The csv has six digits.
-    assert back.values == pytest.approx(force, rel=1e-5, nan_ok=True)
+    assert back.values == pytest.approx(found.force_n, rel=1e-5, nan_ok=True)
     assert np.isnan(recording.load(tmp_path / "out/codes.csv", Layout()).values).sum() == 1
     assert read_array(tmp_path, gap, "--missing", "hold", unit=unit)[0] == 0
-    assert np.isfinite(decoded(tmp_path / "out")[0]).all()
+    assert np.isfinite(decoded(tmp_path / "out").force_n).all()
     with pytest.raises(InputError, match="frame 2, row 1, column 3"):
         read_array(tmp_path, gap, "--missing", "refuse", unit=unit)
 
@@ -273,8 +253,7 @@ def test_a_missing_value_opens_its_own_interval_only(tmp_path: Path, unit: str) 
 def test_the_command_prints_what_it_understood(tmp_path: Path) -> None:
     path = tmp_path / "touch.csv"
     path.write_text(text("sum,time_ms,", lambda n: f"7,{20 * n},"))
-    size = "--rows", "4", "--cols", "6"
-    said = run(str(path), *size, "--unit", "newtons", "--out", str(tmp_path / "out"))[1]
+    said = run(path, "--rows", 4, "--cols", 6, "--unit", "newtons", "--out", tmp_path / "out")[1]
     rate = "50 frames/s, time from time_ms, in ms"
     for line in ("4 rows x 6 columns", rate, "by names, taxel_0", "ignored  sum"):
         assert line in said
@@ -346,7 +325,7 @@ def test_the_page_has_the_rows_of_the_recordings(tmp_path: Path, gait_csv: Path)
     if gait_csv.name == "fscan_gait_16x16.csv":
         found.append((str(gait_csv), "--unit", "codes", "--rate", "31.25", "--through-chip"))
     for arguments in found:
-        assert run(*arguments, "--out", str(tmp_path / "out"))[0] == 0
+        assert run(*arguments, "--out", tmp_path / "out")[0] == 0
         summary = json.loads((tmp_path / "out/summary.json").read_text())
         rows = {row["name"]: row for row in summary["verdicts"]}
         saved, delay = rows["read.rows_saved"], rows["read.touch_delay_frames"]
