@@ -1,45 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Boards with dividers or amplifiers and an ADC: counts of an independent nodal solve come back as forces."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import decoded, failed, read_array
 from tomli_w import dumps
 
 import dermis
 from dermis.array.array import Network, column_currents
 from dermis.decode import calibration, crosstalk
-from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Decoder, Forces
+from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Decoder
 from dermis.errors import InputError
-from dermis.report import calibrate, read, verdict
+from dermis.report import calibrate
 from dermis.skin import Skin
 from tb.programs.decode.board import Board, touches
 from tb.programs.decode.session import rectangles
 
 ROWS, COLS = 6, 8
-
-
-@pytest.fixture(autouse=True)
-def _rows_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verdict, "write_rows", lambda *_: None)
-
-
-def run_read(folder: Path, counts: np.ndarray, *arguments: str) -> tuple[int, Any, list[str]]:
-    """Read counts by the command; return its exit code, forces with their ends, and the verdicts that failed."""
-    file, out = folder / "counts.npy", folder / "out"
-    np.save(file, counts)
-    said = [str(file), *"--unit codes --rate 100 --out".split(), str(out), *arguments]
-    done = CliRunner().invoke(read.read_command, said, standalone_mode=False)
-    if done.exception is not None:
-        raise done.exception
-    names = ("forces_n", "forces_low_n", "forces_high_n")
-    arrays = Forces(*(np.load(out / f"{name}.npy") for name in names), np.empty(0, np.uint8))
-    verdicts = json.loads((out / "summary.json").read_text())["verdicts"]
-    return done.return_value, arrays, [row["name"] for row in verdicts if row["status"] == "FAIL"]
 
 
 def board(**changes: Any) -> Board:
@@ -100,8 +80,8 @@ def test_a_session_calibrates_a_board_and_the_command_reads_its_counts(tmp_path:
     assert again.noise_code == pytest.approx(0.3, rel=0.2)
     force = touches(rng, 12, ROWS, COLS)
     counts = made.counts(force, rng)
-    code, found, _ = run_read(tmp_path, counts, "--calibration", str(tmp_path / "sheet.toml"))
-    assert code == 0
+    assert read_array(tmp_path, counts, "--calibration", tmp_path / "sheet.toml", unit="codes")[0] == 0
+    found = decoded(tmp_path / "out")
     off = made.alone(found.force_n) - made.alone(force)
     # Rounding and noise of a count; laterals of 0.6 of the dividers make them 2.4 times as large, a quarter is the fit.
     assert np.sqrt(np.mean(off**2)) < 1.25 * np.hypot(1 / np.sqrt(12), 0.3) * np.hypot(2.2, 0.6 * np.sqrt(2))
@@ -156,39 +136,31 @@ GOOD = board().scene(200.0)["front_end"]
 
 
 @pytest.mark.parametrize(
-    ("changes", "key"),
+    ("changes", "beside", "key"),
     [
-        ({"side": None}, "front_end.side"),
-        ({"idle_rows": None}, "front_end.idle_rows"),
-        ({"resistor_ohm": [1.0, 2.0]}, "front_end.resistor_ohm"),
-        ({"resistor_ohm": -5.0}, "front_end.resistor_ohm"),
-        ({"full_scale": 0}, "front_end.full_scale"),
-        ({"supply_v": float("nan")}, "front_end.supply_v"),
-        ({"idle_columns": "open"}, "front_end.idle_columns"),
-        ({"zero_count": 3.0}, "front_end.zero_count"),
-        ({"circuit": "transimpedance", "side": None}, "front_end.zero_count"),
-        ({"side": "supply", "reference_v": 1.1}, "front_end.reference_v"),
-        ({"gain": 2.0}, "front_end.gain"),
+        ({"side": None}, {}, "front_end.side"),
+        ({"idle_rows": None}, {}, "front_end.idle_rows"),
+        ({"resistor_ohm": [1.0, 2.0]}, {}, "front_end.resistor_ohm"),
+        ({"resistor_ohm": -5.0}, {}, "front_end.resistor_ohm"),
+        ({"full_scale": 0}, {}, "front_end.full_scale"),
+        ({"supply_v": float("nan")}, {}, "front_end.supply_v"),
+        ({"idle_columns": "open"}, {}, "front_end.idle_columns"),
+        ({"zero_count": 3.0}, {}, "front_end.zero_count"),
+        ({"circuit": "transimpedance", "side": None}, {}, "front_end.zero_count"),
+        ({"side": "supply", "reference_v": 1.1}, {}, "front_end.reference_v"),
+        ({"gain": 2.0}, {}, "front_end.gain"),
+        ({}, {"interface": {"k": 80}}, "interface.k"),
+        ({}, {"effects": {"row_driver": True}}, "effects.row_driver"),
+        ({}, {"effects": {"mirror_ratio": True}}, "effects.mirror_ratio"),
+        ({}, {"effects": {"auto": {}}}, "effects"),
     ],
 )
-def test_a_board_that_is_not_understood_is_asked_about(changes: dict[str, Any], key: str) -> None:
+def test_a_board_that_is_not_understood_and_parts_of_the_chip_beside_it_are_refused(
+    changes: dict[str, Any], beside: dict[str, Any], key: str
+) -> None:
     table = {name: value for name, value in (GOOD | changes).items() if value is not None}
     with pytest.raises(InputError, match=key):
-        Skin({"array": {"rows": ROWS, "cols": COLS}, "front_end": table})
-
-
-@pytest.mark.parametrize(
-    ("tables", "key"),
-    [
-        ({"interface": {"k": 80}}, "interface.k"),
-        ({"effects": {"row_driver": True}}, "effects.row_driver"),
-        ({"effects": {"mirror_ratio": True}}, "effects.mirror_ratio"),
-        ({"effects": {"auto": {}}}, "effects"),
-    ],
-)
-def test_parts_of_the_chip_are_refused_beside_a_board(tables: dict[str, Any], key: str) -> None:
-    with pytest.raises(InputError, match=key):
-        Skin({"front_end": GOOD, **tables})
+        Skin({"array": {"rows": ROWS, "cols": COLS}, "front_end": table, **beside})
 
 
 def test_no_engine_of_the_chip_runs_a_board() -> None:
@@ -217,12 +189,13 @@ def test_a_wrong_board_is_not_read_in_silence(tmp_path: Path, wrong: dict[str, A
     made, rng = board(), np.random.default_rng(6)
     (tmp_path / "board.toml").write_text(dumps(scene(made, **wrong)))
     counts = made.counts(touches(rng, 10, ROWS, COLS), rng)
+    given = tmp_path, counts, "--scene", tmp_path / "board.toml"
     if said.startswith("read"):
-        code, _, failed = run_read(tmp_path, counts, "--scene", str(tmp_path / "board.toml"))
-        assert (code, said in failed) == (1, True)
+        assert read_array(*given, unit="codes")[0] == 1
+        assert said in failed(tmp_path / "out")
     else:
         with pytest.raises(InputError, match=said):
-            run_read(tmp_path, counts, "--scene", str(tmp_path / "board.toml"))
+            read_array(*given, unit="codes")
 
 
 @pytest.mark.parametrize("side", ["ground", "supply"])
@@ -238,8 +211,8 @@ def test_counts_at_both_ends_and_missing_ones(tmp_path: Path, side: str) -> None
     assert np.isinf(ends.high_n).all()
     counts[3, 2, 4] = np.nan
     (tmp_path / "board.toml").write_text(dumps(scene(made)))
-    code, found, _ = run_read(tmp_path, counts, "--scene", str(tmp_path / "board.toml"))
-    assert code == 0
+    assert read_array(tmp_path, counts, "--scene", tmp_path / "board.toml", unit="codes")[0] == 0
+    found = decoded(tmp_path / "out")
     assert np.isnan(found.force_n[3, 2, 4])
     assert np.isinf(found.high_n[3, 2, 4])
     assert found.holds(force).all()
