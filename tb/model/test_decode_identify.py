@@ -2,19 +2,20 @@
 """Identification: a session of a simulated sheet gives back its own parameters, and blames what is wrong in it."""
 
 import dataclasses
+import functools
 from functools import cache
 from pathlib import Path
 
+import commands
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from dermis.array.array import column_currents
 from dermis.decode import calibration, identify
 from dermis.decode.calibration import Calibration
 from dermis.decode.decoder import Decoder
 from dermis.errors import InputError
-from dermis.report import calibrate, verdict
+from dermis.report import calibrate
 from dermis.skin import Skin
 from tb.programs.decode import session
 
@@ -36,17 +37,17 @@ def skin(memory: bool = False, trace_ohm: float = 0.0, offset_v: float = 0.0) ->
     return Skin(array={"rows": SIZE, "cols": SIZE}, effects=effects)
 
 
+def weights(force: np.ndarray, codes: np.ndarray) -> list[identify.Load]:
+    """Loads of forces [loads, SIZE, SIZE] that read as codes, one frame each."""
+    pairs = enumerate(zip(force, codes, strict=True))
+    return [identify.Load(f"weight {n}", code[None].astype(int), one) for n, (one, code) in pairs]
+
+
 @cache
-def loads(trace_ohm: float = 0.0) -> tuple[identify.Load, ...]:
-    rng, made = np.random.default_rng(0), []
-    for n in range(24):
-        force = np.zeros((SIZE, SIZE))
-        h, w = rng.integers(3, 8, 2)
-        r, c = rng.integers(0, SIZE - h + 1), rng.integers(0, SIZE - w + 1)
-        force[r : r + h, c : c + w] = rng.choice([2.0, 5.0, 8.0, 12.0])
-        codes = skin(trace_ohm=trace_ohm).read(force)[None].astype(int)
-        made.append(identify.Load(f"weight {n}", codes, force))
-    return tuple(made)
+def loads(trace_ohm: float = 0.0) -> list[identify.Load]:
+    rng = np.random.default_rng(0)
+    force = session.rectangles(rng, rng.choice([2.0, 5.0, 8.0, 12.0], 24), SIZE, SIZE)
+    return weights(force, skin(trace_ohm=trace_ohm).read(force))
 
 
 def blank() -> Calibration:
@@ -57,9 +58,7 @@ def blank() -> Calibration:
 
 @cache
 def fitted() -> Calibration:
-    true = Calibration.of_plan(skin().plan)
-    current = np.linspace(0, 230, 9) * true.step_a.mean()
-    codes = np.clip(np.floor(current[:, None, None] / true.step_a + true.start_code + 0.5), 0, 255)
+    current, codes = session.currents(Calibration.of_plan(skin().plan), 9)
     return identify.fit_chip(blank(), codes, current)
 
 
@@ -73,7 +72,7 @@ def test_gains_and_offsets_come_from_test_currents() -> None:
 
 
 def test_loads_tell_the_network_the_taxels_and_the_law() -> None:
-    fit = identify.fit_sheet(fitted(), list(loads()), "linear")
+    fit = identify.fit_sheet(fitted(), loads(), "linear")
     assert fit.bad == ()
     for name, true in TRUE.items():
         value, sigma = fit.values[name]
@@ -109,7 +108,7 @@ def test_an_interval_holds_the_uncertainty_of_offset_voltages() -> None:
 
 def test_loads_tell_traces_from_drivers() -> None:
     """A trace costs taxels far from the driver more; 0.4 ohm over 8 pitches is as much as the driver."""
-    fit = identify.fit_sheet(fitted(), list(loads(0.4)), "linear")
+    fit = identify.fit_sheet(fitted(), loads(0.4), "linear")
     for name, true in (TRUE | dict.fromkeys(identify.TRACES, 0.4)).items():
         value, sigma = fit.values[name]
         # Four of the fit's own standard deviations.
@@ -120,13 +119,9 @@ def test_loads_tell_traces_from_drivers() -> None:
 
 def test_a_trace_that_loads_cannot_tell_is_named_and_held() -> None:
     """Loads on one column alone meet each row line at one place: driver and trace are one resistance."""
-    sheet, made = skin(trace_ohm=0.4), []
-    rng = np.random.default_rng(3)
-    for n in range(8):
-        force = np.zeros((SIZE, SIZE))
-        force[:, 4] = rng.choice([0.0, 5.0, 8.0, 12.0], SIZE)
-        made.append(identify.Load(f"weight {n}", sheet.read(force)[None].astype(int), force))
-    fit = identify.fit_sheet(fitted(), made, "linear")
+    force = np.zeros((8, SIZE, SIZE))
+    force[:, :, 4] = np.random.default_rng(3).choice([0.0, 5.0, 8.0, 12.0], (8, SIZE))
+    fit = identify.fit_sheet(fitted(), weights(force, skin(trace_ohm=0.4).read(force)), "linear")
     assert fit.values["r_trace_row_ohm"][0] == 0
     assert "r_row_driven_ohm" in fit.remarks["r_trace_row_ohm"]
     assert any("r_trace_row_ohm" in note for note in fit.calibration.notes)
@@ -136,24 +131,18 @@ def test_a_taxel_with_another_law_gets_its_own(tmp_path: Path) -> None:
     """Two taxels follow F^0.8; the others share one power law."""
     true, rng = Calibration.of_plan(skin().plan), np.random.default_rng(4)
     odd = [(1, 2), (6, 5)]
-    made = []
-    for n in range(40):
-        force = np.zeros((SIZE, SIZE))
-        (r, c), (h, w) = rng.integers(0, 4, 2), rng.integers(4, SIZE + 1, 2)
-        force[r : r + h, c : c + w] = rng.uniform(2, 12)
-        g = true.factor * force / 7500.0
-        for place in odd:
-            g[place] = (force[place] / 12) ** 0.8 * 12 / 7500.0
-        current = column_currents(true.array(), g[None])[0]
-        codes = np.floor(current / true.step_a + true.start_code + 0.5).astype(int)
-        made.append(identify.Load(f"weight {n}", codes[None], force))
-    fit = identify.fit_sheet(dataclasses.replace(true, factor=1.0), made, "power").calibration
+    force = session.rectangles(rng, rng.uniform(2, 12, 40), SIZE, SIZE)
+    g = true.factor * force / 7500.0
+    for r, c in odd:
+        g[:, r, c] = (force[:, r, c] / 12) ** 0.8 * 12 / 7500.0
+    codes = true.codes_of(column_currents(true.array(), g))
+    blind = dataclasses.replace(true, factor=1.0)
+    fit = identify.fit_sheet(blind, weights(force, codes), "power").calibration
     assert sorted(fit.own) == odd
     # Half a code of 30 at the least force is 1.7 % of it, at one end of the curve.
     assert fit.curve.coefficients[0, 1] == pytest.approx(1.0, rel=0.02)
     fit.save(tmp_path / "sheet.toml")
     fit = calibration.load(tmp_path / "sheet.toml")
-    codes, force = (np.array(a) for a in zip(*((load.codes[0], load.force_n) for load in made), strict=True))
     with_own, shared = (Decoder(c, 2e-3).decode(codes) for c in (fit, dataclasses.replace(fit, own={})))
     for place in odd:
         # The same for the readings of one taxel alone.
@@ -191,23 +180,14 @@ def test_loads_that_contradict_each_other_are_refused() -> None:
     with pytest.raises(identify.ContradictionError, match="contradict"):
         identify.fit_sheet(fitted(), wrong, "linear")
     with pytest.raises(identify.ContradictionError, match="at least 3"):
-        identify.fit_sheet(fitted(), list(loads())[:2], "linear")
-
-
-def cycle(frames: int, seed: int) -> np.ndarray:
-    rng, t = np.random.default_rng(seed), np.arange(frames) * 2e-3
-    force = np.zeros((frames, SIZE, SIZE))
-    force[:, 2:5, 2:5] = (13 * np.sin(np.pi * t) ** 2)[:, None, None] * rng.uniform(0.5, 1, (3, 3))
-    return force
+        identify.fit_sheet(fitted(), loads()[:2], "linear")
 
 
 def test_one_cycle_tells_hysteresis_and_creep() -> None:
-    made = skin(memory=True)
-    made.reset()
-    force = cycle(500, 0)
+    force, codes = session.cycle(skin(memory=True), 11.0)
     none = calibration.MemoryLaw(np.empty(0), np.empty(0))
-    known = dataclasses.replace(Calibration.of_plan(made.plan), memory=none)
-    found, values = identify.fit_memory(known, made.read(force), force, 2e-3)
+    known = dataclasses.replace(Calibration.of_plan(skin(memory=True).plan), memory=none)
+    found, values = identify.fit_memory(known, codes, force, session.T_FRAME_S)
     # Half a code of 170 at the turn of the loop is 0.003 of it; creep is fitted from the same readings.
     assert values["hysteresis"][0] == pytest.approx(0.1, abs=0.003)
     assert values["creep_per_decade"][0] == pytest.approx(0.05, abs=0.003)
@@ -232,21 +212,12 @@ def write_session(directory: Path) -> Path:
     return path
 
 
-def run(*arguments: str) -> tuple[int, str]:
-    done = CliRunner().invoke(calibrate.calibrate_command, [*arguments], standalone_mode=False)
-    if done.exception is not None:
-        raise done.exception
-    return done.return_value, done.output
-
-
-@pytest.fixture(autouse=True)
-def _rows_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verdict, "write_rows", lambda *_: None)
+run = functools.partial(commands.run, calibrate.calibrate_command)
 
 
 def test_the_command_writes_a_calibration_and_sees_a_drift(tmp_path: Path) -> None:
     path = write_session(tmp_path)
-    status, said = run(str(path), "--out", str(tmp_path / "sheet.toml"))
+    status, said = run(path, "--out", tmp_path / "sheet.toml")
     assert status == 0, said
     made = calibration.load(tmp_path / "sheet.toml")
     # Whole codes at few loads: half a code of the 5 codes that 4 ohm cost, averaged over the taxels.
@@ -254,8 +225,7 @@ def test_the_command_writes_a_calibration_and_sees_a_drift(tmp_path: Path) -> No
     assert made.reference[0][:2] == (0, 1)
     drifted = dataclasses.replace(made, step_a=made.step_a * np.where(np.arange(SIZE) == 5, 1.05, 1.0))
     drifted.save(tmp_path / "old.toml")
-    checked = "--check", str(tmp_path / "old.toml")
-    status, said = run(str(path), "--out", str(tmp_path / "sheet.toml"), *checked)
+    status, said = run(path, "--out", tmp_path / "sheet.toml", "--check", tmp_path / "old.toml")
     assert status == 1
     assert "gain_drift.column_5" in said
     assert "column_4" not in said
@@ -291,21 +261,21 @@ def test_a_session_that_is_wrong_is_refused_in_one_line(
     names = ",".join(f"r{r}c{c} (kPa)" for r, c in np.ndindex(force.shape))
     (tmp_path / "kpa.csv").write_text(f"{names}\n{','.join(map(str, force.ravel()))}\n")
     with pytest.raises(InputError) as error:
-        run(str(path))
+        run(path)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
 
 
 def test_forces_at_other_places_and_a_file_of_another_kind_are_noticed(tmp_path: Path) -> None:
     path = write_session(tmp_path)
-    status, said = run(str(path), "--out", str(tmp_path / "sheet.toml"))
+    status, said = run(path, "--out", tmp_path / "sheet.toml")
     assert (status, "misplaced_share" in said) == (0, True)
     with pytest.raises(InputError, match="an earlier calibration"):
-        run(str(path), "--out", str(path))
+        run(path, "--out", path)
     for n, load in enumerate(loads()):
         np.save(tmp_path / f"force_{n}.npy", load.force_n[::-1, ::-1])
     try:
-        status, said = run(str(path), "--out", str(tmp_path / "other.toml"))
+        status, said = run(path, "--out", tmp_path / "other.toml")
     except InputError as error:  # the fit itself may see it
         status, said = 2, str(error)
     assert status, said

@@ -9,17 +9,15 @@ import pytest
 from dermis.decode import memory
 from dermis.errors import InputError
 from dermis.scene import sensor
+from tb.programs.decode import command
 
 DT = 2e-3
 LAW = memory.MemoryLaw.of_effects(0.1, 0.05, 10e-3)
 
 
-def cycles(seed: int, frames: int = 1500) -> np.ndarray:
-    """Forces in newtons [frames, 3]: two smooth cycles and one of straight lines, up to 15 N."""
-    rng, t = np.random.default_rng(seed), np.arange(frames) * DT
-    smooth = [15 * rng.uniform(0.5, 1) * np.sin(np.pi * t / rng.uniform(0.6, 1.2)) ** 2 for _ in range(2)]
-    corners = np.interp(t, np.linspace(0, t[-1], 9), np.r_[0, rng.uniform(0, 15, 8)])
-    return np.stack([*smooth, corners], axis=1) + 1e-6
+def cycles(seed: int) -> np.ndarray:
+    """Forces in newtons [frames, 3], above 0."""
+    return command.cycles(seed, 1500, 3) + 1e-6
 
 
 def sheet(force: np.ndarray) -> np.ndarray:
