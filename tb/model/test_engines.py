@@ -144,8 +144,7 @@ def cells(plan: Plan) -> list[dict[str, Any]]:
         if plan.topology == "direct" and "integrator_gain" in on:  # the column itself loads the integrator
             r_in_ohm = plan.scene.effects["integrator_gain"].r_in_ohm
             on["integrator_gain"]["r_in_ohm"] = 1 / (1 / r_in_ohm + 1 / ohm)
-        cell = exact.cell_of(x, on, interface)
-        found.append({name: exact._mpf(value) for name, value in cell.items()})
+        found.append(exact.cell_of(x, on, interface))
     return found
 
 

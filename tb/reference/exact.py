@@ -51,16 +51,7 @@ def _count(cell: Mapping[str, Any], clocks: int, late: float) -> int:
     if plain and cell["rise"] == cell["fall"]:
         # The latch takes the packet earlier, but before the next sample that may be a one.
         return count_exact(x, clocks, *(cell[n] for n in ("w0", "packet", "rise")))
-    with mpmath.workdps(DIGITS):
-        numbers = {name: _mpf(value) for name, value in {**cell, "x": x}.items()}
-        return sum(walk_reference(numbers, clocks, late, DIGITS).bits)
-
-
-def _mpf(value: Any) -> mpmath.mpf:
-    with mpmath.workdps(DIGITS):
-        if isinstance(value, Fraction):
-            return mpmath.mpf(value.numerator) / value.denominator
-        return mpmath.mpf(value)
+    return sum(walk_reference({**cell, "x": x}, clocks, late, DIGITS).bits)
 
 
 def cell_of(
@@ -100,6 +91,6 @@ def cell_of(
         cell["across"], cell["leak"] = per_clock, per_clock * (1 - share)
     if "integrator_bandwidth" in effects:
         with mpmath.workdps(DIGITS):
-            gbw = _mpf(value("integrator_bandwidth", "gbw_hz"))
-            cell["lag"] = _mpf(share * Fraction(f_clk_hz)) / (2 * mpmath.pi * gbw)
+            gbw = mpmath.mpf(value("integrator_bandwidth", "gbw_hz"))
+            cell["lag"] = mpmath.mpf(share * Fraction(f_clk_hz)) / (2 * mpmath.pi * gbw)
     return cell
