@@ -24,11 +24,10 @@ def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
     out = np.zeros((rows, cols, timing.slot_clocks))
     with mpmath.workdps(80):
         exact = mpmath.mpf
-        c = mpmath.zeros(n, n)
-        for k in range(n):
-            c[k, k] += exact(network.c_row_f if k < rows else network.c_column_f) + exact("1e-28")
-        for r, k in itertools.product(range(rows), range(cols)):
-            stamp(c, r, rows + k, exact(network.c_taxel_f))
+        c_line = [network.c_row_f] * rows + [network.c_column_f] * cols
+        held = [(k, "ground", exact(f) + exact("1e-28")) for k, f in enumerate(c_line)]
+        taxels = itertools.product(range(rows), range(rows, n), [exact(network.c_taxel_f)])
+        c = mpmath.matrix(nodal.kirchhoff([*held, *taxels], {"ground": 0}, {}, range(n))[0])
         clock, now = exact(1) / exact(timing.f_clk_hz), None
         for row in range(rows):
             dark, lit = range(timing.break_clocks), range(timing.break_clocks, timing.slot_clocks)
@@ -53,30 +52,13 @@ def settles(
     network: Network, driven: int | None, c: mpmath.matrix
 ) -> tuple[mpmath.matrix, mpmath.matrix, list[mpmath.mpf]]:
     """Return settled voltages, the matrix of their rate of change and the resistance of each column."""
-    n, exact = network.rows + network.cols, mpmath.mpf
+    exact = mpmath.mpf
     names = ("r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm")
     series = {name: np.maximum(getattr(network, name), 1e-13) for name in names}
     elements, held, injected = nodal.elements(dataclasses.replace(network, **series), driven, exact)
-    place = {("row", r): r for r in range(network.rows)}
-    place |= {("column", k): network.rows + k for k in range(network.cols)}
-    g, push = mpmath.zeros(n, n), mpmath.zeros(n, 1)
-    for node, current in injected.items():
-        push[place[node]] += current
-    for a, b, value in elements:
-        if b in place:
-            stamp(g, place[a], place[b], value)
-        else:
-            g[place[a], place[a]] += value
-            push[place[a]] += value * held[b]
+    nodes = [("row", r) for r in range(network.rows)] + [("column", k) for k in range(network.cols)]
+    g, push = map(mpmath.matrix, nodal.kirchhoff(elements, held, injected, nodes))
     for r in range(network.rows):
         g[r, r] += exact("1e-40")  # a floating row on which nothing hangs must rest somewhere
     ohm = [exact(float(r)) for r in series["r_column_ohm"]]
     return mpmath.lu_solve(g, push), -mpmath.inverse(c) * g, ohm
-
-
-def stamp(matrix: mpmath.matrix, a: int, b: int, value: mpmath.mpf) -> None:
-    """Add a conductance, or a capacitance, between two nodes."""
-    matrix[a, a] += value
-    matrix[b, b] += value
-    matrix[a, b] -= value
-    matrix[b, a] -= value

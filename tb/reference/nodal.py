@@ -118,19 +118,16 @@ def elements(
     return found, known, injected
 
 
-def slot_currents(network: Network, driven: int) -> list[mpmath.mpf]:
-    """Return column currents while one row is driven."""
-    exact = mpmath.mpf
-    found, known, injected = elements(network, driven, exact)
-    voltage = dict(known)
-    # Unconnected nodes carry no current: only nodes tied to a source count.
-    tied = set(known)
-    while more := {n for a, b, _ in found if a in tied or b in tied for n in (a, b)} - tied:
-        tied |= more
-    free = list(dict.fromkeys(n for a, b, _ in found for n in (a, b) if n in tied and n not in known))
+def kirchhoff(
+    found: Sequence[tuple[Any, Any, Any]],
+    known: dict[Any, Any],
+    injected: dict[Any, Any],
+    free: Sequence[Any],
+) -> tuple[list[list[Any]], list[Any]]:
+    """Return the matrix and the right side of the current laws of free nodes; arguments as `elements` returns them."""
     place = {n: i for i, n in enumerate(free)}
-    matrix = [[exact(0)] * len(free) for _ in free]
-    right = [injected.get(node, exact(0)) for node in free]
+    matrix = [[0] * len(free) for _ in free]
+    right = [injected.get(node, 0) for node in free]
     for a, b, g in found:
         for here, there in ((a, b), (b, a)):
             if here in place:
@@ -139,19 +136,7 @@ def slot_currents(network: Network, driven: int) -> list[mpmath.mpf]:
                     matrix[place[here]][place[there]] -= g
                 else:
                     right[place[here]] += g * known[there]
-    voltage |= dict(zip(free, gauss(matrix, right), strict=True))
-
-    currents = []
-    for c in range(network.cols):
-        node: Node = ("column", c)
-        if network.r_column_ohm[c] == 0:  # all that flows in from the array
-            ends = ((b if a == node else a, g) for a, b, g in found if node in (a, b))
-            total = injected[node] + sum(g * (voltage[other] - voltage[node]) for other, g in ends)
-        else:
-            held = exact(float(network.v_column_offset_v[c]))
-            total = (voltage[node] - held) / exact(float(network.r_column_ohm[c]))
-        currents.append(total)
-    return currents
+    return matrix, right
 
 
 def gauss(matrix: list[list[Any]], right: list[Any]) -> list[Any]:
@@ -173,3 +158,29 @@ def gauss(matrix: list[list[Any]], right: list[Any]) -> list[Any]:
                 total -= matrix[k][j] * x[j]
         x[k] = total / matrix[k][k]
     return x
+
+
+def slot_currents(
+    network: Network, driven: int, exact: Callable[[Any], Any] = mpmath.mpf, solve: Callable[..., Any] = gauss
+) -> list[Any]:
+    """Return column currents while one row is driven, in the numbers that `exact` makes and `solve` takes."""
+    found, known, injected = elements(network, driven, exact)
+    voltage = dict(known)
+    # Unconnected nodes carry no current: only nodes tied to a source count.
+    tied = set(known)
+    while more := {n for a, b, _ in found if a in tied or b in tied for n in (a, b)} - tied:
+        tied |= more
+    free = list(dict.fromkeys(n for a, b, _ in found for n in (a, b) if n in tied and n not in known))
+    voltage |= dict(zip(free, solve(*kirchhoff(found, known, injected, free)), strict=True))
+
+    currents = []
+    for c in range(network.cols):
+        node: Node = ("column", c)
+        if network.r_column_ohm[c] == 0:  # all that flows in from the array
+            ends = ((b if a == node else a, g) for a, b, g in found if node in (a, b))
+            total = injected[node] + sum(g * (voltage[other] - voltage[node]) for other, g in ends)
+        else:
+            held = exact(float(network.v_column_offset_v[c]))
+            total = (voltage[node] - held) / exact(float(network.r_column_ohm[c]))
+        currents.append(total)
+    return currents
