@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The contract of an engine (CONTRIBUTING.md): what `engines.run` and every report may rely on."""
 
-import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,18 +9,15 @@ import pytest
 
 from dermis import engines, plan
 from dermis.converter.vfc import code_type
-from dermis.engines import closed, event
+from dermis.engines import closed
 from dermis.records import Plan
 from dermis.scene import scene
-from tb.reference import toy_engine
 
-ENGINES = {"closed": closed, "event": event, "toy": toy_engine}
+ENGINES = "closed", "event"
 
 
 @pytest.fixture(params=ENGINES)
-def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """Name of an engine, which is found as one of the package."""
-    monkeypatch.setitem(sys.modules, f"dermis.engines.{request.param}", ENGINES[request.param])
+def engine(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
