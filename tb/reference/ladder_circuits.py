@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Circuits that need a rung of the ladder (docs/ladder.md), or have no answer, and their exact values."""
 
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,30 +15,28 @@ from dermis.lockstep.ngspice import Deck, NgspiceHalf
 TIGHT = ".options reltol=1e-6 abstol=1e-13 vntol=1e-9"
 
 
+def half_of(
+    lines: Sequence[str], probe: str, step_s: float, t_stop_s: float, **how: ladder.Level
+) -> NgspiceHalf:
+    """Return a circuit without sources of the digital side."""
+    deck, log = Deck(("circuit", *lines), (), (), (), (probe,)), Path("/dev/null")
+    return NgspiceHalf(deck, t_edge_s=1e-9, t_max_step_s=step_s, t_stop_s=t_stop_s, log=log, **how)
+
+
 def lockstep(
     lines: Sequence[str], probe: str, times: Sequence[float]
 ) -> tuple[NDArray[np.float64], ladder.Climb]:
     """Return samples of a node of a circuit at times (the last one ends the transient), and its rungs."""
-    deck = Deck(("a hard circuit", *lines), (), (), (), (probe,))
 
     def attempt(level: ladder.Level) -> NDArray[np.float64]:
-        half = NgspiceHalf(
-            deck,
-            t_edge_s=1e-9,
-            t_max_step_s=min(1e-7, times[-1] / 10),
-            t_stop_s=times[-1],
-            log=folder / "ngspice.log",
-            level=level,
-        )
+        half = half_of(lines, probe, min(1e-7, times[-1] / 10), times[-1], level=level)
         half.advance(0.0, [])
         found = [half.advance(time, [])[0] for time in times]
         half.close()
         return np.array(found)
 
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        way = ladder.Climb("hard circuit", report=lambda line: None)
-        return ladder.climb(attempt, way), way
+    way = ladder.Climb("hard circuit", report=lambda line: None)
+    return ladder.climb(attempt, way), way
 
 
 _DIODE = "bx b 0 i = 1e-14*(exp(v(b)/0.02) - 1)"

@@ -17,10 +17,10 @@ from dermis import plan
 from dermis.chip import netlist, spice_batch
 from dermis.errors import SimulatorError
 from dermis.lockstep import ladder
-from dermis.lockstep.ngspice import Deck, NgspiceHalf
 from dermis.scene import scene
 from tb.reference import deck_chip
 from tb.reference import ladder_circuits as circuits
+from tb.reference.ladder_circuits import half_of
 
 
 def apart(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -43,14 +43,6 @@ def test_a_start_is_taken_by_the_circuit_that_needs_it_and_by_none_below(rung: s
     assert [retry.next for retry in retries] == names[1 : names.index(rung) + 1]
     # reltol 1e-6 of a volt
     assert abs(value - float(circuits.needed_operating_point(rung))) < 1e-6
-
-
-def half_of(
-    lines: tuple[str, ...], probe: str, step_s: float, t_stop_s: float, **how: ladder.Level
-) -> NgspiceHalf:
-    """A circuit without sources of the digital side."""
-    deck, log = Deck(("circuit", *lines), (), (), (), (probe,)), Path("/dev/null")
-    return NgspiceHalf(deck, t_edge_s=1e-9, t_max_step_s=step_s, t_stop_s=t_stop_s, log=log, **how)
 
 
 def leap(foot: int) -> tuple[float, list[str | None]]:
