@@ -65,10 +65,8 @@ def decode(plan: Plan, codes: ArrayLike, corrected: bool = False) -> Decoded:
     resistance = plan.ohm_of_duty(x)
     low = plan.force_of_duty(scale * np.maximum(steps - 0.5, 0.0) / gate)
     high = plan.force_of_duty(scale * (steps + 0.5) / gate)
-    with np.errstate(divide="ignore"):
-        per_code = np.divide(1.0, steps)
-    with np.errstate(invalid="ignore"):
-        d_resistance = np.where(steps > 0, resistance * per_code, np.inf)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        d_resistance = np.where(steps > 0, resistance * np.divide(1.0, steps), np.inf)
     return Decoded(
         x=x,
         resistance_ohm=resistance,
