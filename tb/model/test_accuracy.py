@@ -2,16 +2,13 @@
 """Accuracy against time: the references, the order of convergence, and the command."""
 
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
-from mpmath import mpf
 from scipy.integrate import solve_ivp
 
 from dermis import engines
-from dermis.converter.vfc import count_exact
 from dermis.errors import InputError, SimulatorError
 from dermis.scene import scene
 from tb.programs.accuracy import simulator
@@ -97,18 +94,6 @@ def test_the_exact_voltage_behind_a_pole_solves_its_equation() -> None:
             # Far below the difference that is asked for.
             y = solve_ivp(rates, (begin, end), y, "DOP853", args=(n,), rtol=1e-12, atol=1e-15).y[:, -1]
         assert y[1] == pytest.approx(found[n + 1], abs=1e-12), "some dozen steps at 1e-12 of 0.2 V"
-
-
-def test_the_count_in_fifty_digits_is_the_rational_one() -> None:
-    for x in (Fraction(1, 3), Fraction(37, 510), Fraction(1, 2), Fraction(3, 7)):
-        for packet in (Fraction(1), Fraction(1003, 1000)):
-            duty, size = (mpf(v.numerator) / v.denominator for v in (x, packet))
-            took, w_end = exact.count(duty, 510, size, mpf(-1) / 2, mpf(0), mpf(0))
-            assert took == count_exact(x, 510, packet=packet)
-            drawn = (510 * duty - 0.5 - w_end) / size
-            # What is not drawn yet was decided in the last two clocks: whole packets, up to a rounding.
-            assert took - round(drawn) in (0, 1, 2)
-            assert abs(drawn - round(drawn)) < 1e-12
 
 
 def test_the_reference_refuses_what_it_does_not_know() -> None:

@@ -24,10 +24,6 @@ def made(effects: dict[str, Any], engine: str | None = None, **more: Any) -> rec
     return planning.make(scene.from_data(data, Path("made.toml")), engine)
 
 
-def on(plan: records.Plan) -> set[str]:
-    return {e.name for e in plan.effects if e.on}
-
-
 # --- the table -----------------------------------------------------------------------------------------------------
 
 

@@ -10,8 +10,7 @@ from commands import decoded, failed, read_array
 from tomli_w import dumps
 
 import dermis
-from dermis.array.array import Network, column_currents
-from dermis.decode import calibration, crosstalk
+from dermis.decode import calibration
 from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Decoder
 from dermis.errors import InputError
 from dermis.report import calibrate
@@ -112,24 +111,6 @@ def test_an_amplifier_reads_both_ways_and_an_adc_may_round_down() -> None:
         assert found.holds(force).all()
         # Rounding leaves a quarter of a count in the middle; the other way round it would be three quarters.
         assert np.abs((made.alone(found.force_n) - made.alone(force))[counts % 4095 > 0]).mean() < 0.5
-
-
-def test_newton_finds_what_the_sweeps_find() -> None:
-    rng = np.random.default_rng(4)
-    g = rng.uniform(0, 12, (5, ROWS, COLS)) / 7500 * (rng.random((5, ROWS, COLS)) < 0.6)
-    for r_column, lateral in ((1e3, 0.0), (100.0, 1e-3)):
-        network = Network(g[0], 3.3, 10.0, 10.0, r_column, g_lateral_row_s=lateral)  # type: ignore[arg-type]
-        currents = column_currents(network, g)
-        swept = crosstalk.solve(network, currents)
-        assert swept.converged.all()
-        for n, frame in enumerate(currents):
-            found, off = crosstalk._newton(network, frame, np.full(frame.shape, np.inf))
-            # HEAVY_TOLERANCE of the currents; 100 times that where a column's sum has its taxels' errors.
-            assert off < 1e-9
-            # As above.
-            assert np.abs(found - swept.conductance_s[n]).max() < 1e-7 * g.max()
-            # As above: currents are exact.
-            assert np.abs(found - g[n]).max() < 1e-7 * g.max()
 
 
 GOOD = board().scene(200.0)["front_end"]

@@ -20,8 +20,8 @@ HONOURS = frozenset(
 """Record fields it takes; any other is refused."""
 
 
-def count(x: mpf, clocks: int, packet: mpf, start: mpf, level: mpf, lag: mpf) -> tuple[int, mpf]:
-    """Count ones in a gate and return the charge at its end; the output v follows the charge w.
+def count(x: mpf, clocks: int, packet: mpf, start: mpf, level: mpf, lag: mpf) -> int:
+    """Count ones in a gate; the output v follows the charge w.
 
     All in packets and clocks, `lag` is the time constant. A one decided at clock n draws its packet
     between the clocks n + 1 and n + 2. This is `converter_walk.walk_reference` without levels that
@@ -39,7 +39,7 @@ def count(x: mpf, clocks: int, packet: mpf, start: mpf, level: mpf, lag: mpf) ->
             v = w
         before, last = last, bool(v >= level) and not last
         ones += last
-    return ones, w
+    return ones
 
 
 @mp.workdps(DIGITS)
@@ -56,7 +56,7 @@ def codes(plan: Plan, number: int = 0) -> NDArray[np.int64]:
                 for name in ("k", "i0_a", "c_int_f", "gain", *HONOURS & set(vars(converter)))
             }
             packet_v = own["i0_a"] / f_clk / own["c_int_f"]
-            ones, _ = count(
+            ones = count(
                 (own["gain"] * current / own["k"] + own["i_offset_a"]) / own["i0_a"],
                 plan.timing.gate_clocks,
                 1 + own["packet_error"],

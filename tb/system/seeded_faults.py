@@ -16,22 +16,18 @@ SLEEP = "DERMIS_SEEDED_SLEEP"
 
 
 def long_s() -> str:
-    """Return these seconds."""
     return os.environ[SLEEP]
 
 
 def right() -> Measured:
-    """Give a right answer."""
     return Measured(0.0, "as it should be")
 
 
 def off_by_one() -> Measured:
-    """Give a wrong answer."""
     return Measured(-1.0, "one too few")
 
 
 def hang() -> Measured:
-    """Never end."""
     time.sleep(float(long_s()))
     return Measured(0.0)
 
@@ -49,7 +45,6 @@ def deaf() -> Measured:
 
 
 def too_slow() -> Measured:
-    """Give an answer after the limit."""
     time.sleep(1.5)
     return Measured(0.0)
 
@@ -61,12 +56,10 @@ def crash() -> Measured:
 
 
 def leave() -> Measured:
-    """Exit the process."""
     sys.exit(0)
 
 
 def fail() -> Measured:
-    """Raise an unexpected exception."""
     raise ValueError("nobody expects this")
 
 
@@ -76,7 +69,6 @@ def simulator() -> Measured:
 
 
 def not_a_number() -> Measured:
-    """Give NaN."""
     return Measured(math.nan)
 
 
