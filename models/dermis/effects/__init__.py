@@ -5,7 +5,7 @@ One file a family holds its effects: parameters, fields, bounds and words. To ad
 entry there; engines and decks read the record fields and need nothing else.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -13,9 +13,9 @@ from pydantic import Field, create_model
 
 from dermis import bounds as bounds
 from dermis.effects import array, comparator, integrator, lines, mirror, motion, noise, packet, sheet
-from dermis.effects.effect import Contribution, Effect, PerColumn, Setting
+from dermis.effects.effect import Contribution, Effect, Setting
 from dermis.errors import InputError
-from dermis.scene.schema import Strict, entry, refuse
+from dermis.scene.schema import Strict, entry, filled, refuse
 
 EFFECTS: dict[str, Effect] = {
     effect.name: effect
@@ -110,27 +110,21 @@ def resolve_effects(table: Any, setting: Setting, file: Any) -> dict[str, Strict
         for follower, other in effect.follows.items():
             if (value := getattr(parameters, other)) is not None:
                 defaults[follower] = value
-        missing = {k: v for k, v in defaults.items() if getattr(parameters, k) is None}
-        parameters = parameters.model_copy(update=missing)
-        for name in effect.parameters:
-            _check(effect, name, getattr(parameters, name), setting, file)
-        refuse(effect.wrong(parameters, setting), parameters, file, f"{key}.")
+        parameters = filled(parameters, defaults)
+        refuse(_wrong(effect, parameters, setting), parameters, file, f"{key}.")
         on[effect.name] = parameters
     return on
 
 
-def _check(effect: Effect, name: str, value: Any, setting: Setting, file: Any) -> None:
-    key, parameter = f"effects.{effect.name}.{name}", effect.parameters[name]
-    if value is None:
-        raise InputError(file, key, "nothing", "a value; this topology has no default for it")
-    if isinstance(value, list) and len(value) != setting.cols:
-        allowed = f"a number or a list of {setting.cols}, one a column"
-        raise InputError(file, key, f"a list of {len(value)}", allowed)
-    if parameter.kind is PerColumn and parameter.limits:
-        ((relation, low),) = parameter.limits.items()
-        for v in np.ravel(value).tolist():
-            if v < low or (v == low and relation == "gt"):
-                raise InputError(file, key, v, f"a number {'>=' if relation == 'ge' else '>'} {low:g}")
+def _wrong(effect: Effect, parameters: Strict, setting: Setting) -> Iterator[tuple[str, str]]:
+    """Yield parameters with impossible values, and what is allowed."""
+    for name in effect.parameters:
+        value = getattr(parameters, name)
+        if value is None:
+            yield name, "a value; this topology has no default for it"
+        if isinstance(value, list) and len(value) != setting.cols:
+            yield name, f"a number or a list of {setting.cols}, one a column"
+    yield from effect.wrong(parameters, setting)
 
 
 def check_together(on: Mapping[str, Strict], topology: str, packet_v: float, file: Any) -> None:

@@ -17,8 +17,6 @@ from dermis import bounds
 from dermis.scene.design import TOPOLOGIES, Design
 from dermis.scene.schema import Strict, entry
 
-_Number = Annotated[float, Field(allow_inf_nan=False)]
-PerColumn = _Number | Annotated[list[_Number], Field(min_length=1)]
 MIRRORED = tuple(t for t in TOPOLOGIES if t != "direct")
 
 
@@ -60,8 +58,8 @@ class Parameter(NamedTuple):
     range: tuple[float, float]  # magnitudes between which random scenes draw, evenly in powers of ten
     allowed: str  # words, where type and limits do not say it
     default: float | None  # None for a value of `Effect.design`, or one that must be given
-    kind: Any
-    limits: dict[str, float]  # ge, gt, le, lt of pydantic; those of a list hold for each of its numbers
+    kind: Any  # with its limits
+    limits: dict[str, float]  # ge, gt, le, lt of pydantic
 
 
 def number(
@@ -75,7 +73,7 @@ def number(
     **limits: float,
 ) -> Parameter:
     """Return a parameter that is one number."""
-    return Parameter(meaning, example, range, allowed, default, kind, limits)
+    return Parameter(meaning, example, range, allowed, default, Annotated[kind, Field(**limits)], limits)
 
 
 def column(
@@ -84,7 +82,9 @@ def column(
     """Return a parameter that is a number or a list of them, one a column."""
     low = f" >= {limits['ge']:g}" if "ge" in limits else f" > {limits['gt']:g}" if limits else ""
     allowed = f"a finite number{low}, or a list of them, one a column"
-    return Parameter(meaning, example, range, allowed, default, PerColumn, limits)
+    one = Annotated[float, Field(allow_inf_nan=False, **limits)]
+    kind = one | Annotated[list[one], Field(min_length=1)]
+    return Parameter(meaning, example, range, allowed, default, kind, limits)
 
 
 positive = functools.partial(number, gt=0)
@@ -140,10 +140,8 @@ class Effect:
     def _table(self) -> type[Strict]:
         fields = {}
         for key, p in self.parameters.items():
-            limits = {} if p.kind is PerColumn else p.limits
             kind = p.kind | None if p.default is None else p.kind
-            made = entry(p.default, p.meaning, p.allowed, default_from=self._default_from(key), **limits)
-            fields[key] = (kind, made)
+            fields[key] = (kind, entry(p.default, p.meaning, p.allowed, default_from=self._default_from(key)))
         made = create_model(f"_{self.name}", __base__=Strict, __module__=__name__, **fields)
         # pickle finds a class by its name in its module.
         globals()[made.__name__] = made

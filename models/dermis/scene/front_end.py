@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from dermis.ndarrays import Floats
-from dermis.scene.schema import Strict, allowed_of, entry, refuse
+from dermis.scene.schema import Strict, allowed_of, entry, filled, refuse
 
 LEAST_R = 100.0
 """Default of r_min_ohm: this part of the divider. A count is 2.5 % of the conductance there, with 12 bits."""
@@ -129,9 +129,7 @@ _OWN = {"divider": ("side",), "transimpedance": ("zero_count", "counts")}
 def resolve(table: FrontEndTable, cols: int, file: Path | str) -> FrontEndTable:
     """Fill in the defaults; refuse keys of the other circuit and boards that cannot be inverted."""
     least_ohm = float(np.min(table.resistor_ohm, initial=np.inf)) / LEAST_R
-    defaults = {"reference_v": table.supply_v, "r_min_ohm": least_ohm}
-    missing = {key: value for key, value in defaults.items() if getattr(table, key) is None}
-    table = table.model_copy(update=missing)
+    table = filled(table, {"reference_v": table.supply_v, "r_min_ohm": least_ohm})
     refuse(_wrong(table, cols), table, file, "front_end.")
     return table
 

@@ -279,12 +279,9 @@ def _no_rng(name: str) -> Any:
 
 def _filled(table: Any, design: Design) -> Any:
     """Fill in the keys whose default is a value of the design."""
-    found = {}
-    for key, field in type(table).model_fields.items():
-        path = field.json_schema_extra["default_from"]
-        if path and getattr(table, key) is None:
-            found[key] = operator.attrgetter(path)(design)
-    return table.model_copy(update=found)
+    fields = type(table).model_fields.items()
+    paths = {key: path for key, field in fields if (path := field.json_schema_extra["default_from"])}
+    return schema.filled(table, {key: operator.attrgetter(path)(design) for key, path in paths.items()})
 
 
 def schema_table() -> str:
@@ -327,16 +324,12 @@ def schema_rows(prefix: str = "", model: type[BaseModel] = SceneTable) -> Iterat
             if len(members) > 1:
                 tag = f" kind = {typing.get_args(member.model_fields['kind'].annotation)[0]}"
             inner[prefix + name + tag] = member
-        if not members or _other_than_tables(field.annotation):
+        parts = typing.get_args(field.annotation)
+        other = bool in parts or any(typing.get_origin(part) is Literal for part in parts)
+        if not members or other:
             yield prefix + name, _default(field), schema.allowed_of(field), field.description or ""
     for name, member in inner.items():
         yield from schema_rows(name + ".", member)
-
-
-def _other_than_tables(annotation: Any) -> bool:
-    """Return True if a key may hold a boolean or a word instead of a table."""
-    parts = typing.get_args(annotation)
-    return bool in parts or any(typing.get_origin(part) is Literal for part in parts)
 
 
 def _default(field: Any) -> str:

@@ -61,6 +61,12 @@ def entry(default: Any, meaning: str, allowed: str = "", *, default_from: str = 
     return Field(default, description=meaning, json_schema_extra=extra, **limits)
 
 
+def filled(table: Any, defaults: Mapping[str, Any]) -> Any:
+    """Return a table with values for those of its keys that have none."""
+    missing = {key: value for key, value in defaults.items() if getattr(table, key) is None}
+    return table.model_copy(update=missing)
+
+
 def allowed_of(field: FieldInfo) -> str:
     """Return the allowed values of a key in words: as declared, or from its type and limits."""
     extra = field.json_schema_extra

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from dermis.ndarrays import Bools, Floats
 from dermis.scene import design as designs
-from dermis.scene.schema import Strict, entry, refuse
+from dermis.scene.schema import Strict, entry, filled, refuse
 
 _ForcePoint = Annotated[float, Field(ge=1e-9, le=1e9)]
 _OhmPoint = Annotated[float, Field(ge=1e-6, le=1e15)]
@@ -131,8 +131,7 @@ Sensor = InverseSensor | PowerSensor
 
 def resolve(table: SensorTable, defaults: designs.Sensor, file: Path | str) -> SensorTable:
     """Fill in the keys of the law; refuse those of another law, and points without a curve."""
-    missing = {key: getattr(defaults, key) for key in _KEYS[table.law] if getattr(table, key) is None}
-    table = table.model_copy(update=missing)
+    table = filled(table, {key: getattr(defaults, key) for key in _KEYS[table.law]})
     refuse(_wrong(table), table, file, "sensor.")
     return table
 

@@ -16,7 +16,7 @@ from pydantic import Field, PrivateAttr
 
 from dermis.errors import InputError, one_line, quoted
 from dermis.ndarrays import Floats
-from dermis.scene.schema import Strict, entry, read_bytes
+from dermis.scene.schema import Strict, entry, filled, read_bytes
 from dermis.scene.sensor import Sensor
 
 # 131 072 frames of 16x16; a process holds them twice in 1 GB. Longer recordings come in pieces.
@@ -309,9 +309,7 @@ def resolve(table: Any, rows: int, cols: int, t_frame_s: float) -> Any:
     if isinstance(table, SeveralTable):
         return table.model_copy(update={"parts": [resolve(p, rows, cols, t_frame_s) for p in table.parts]})
     defaults = {"center_row": (rows - 1) / 2, "center_col": (cols - 1) / 2, "t_frame_s": t_frame_s}
-    fields = type(table).model_fields
-    missing = {k: v for k, v in defaults.items() if k in fields and getattr(table, k) is None}
-    return table.model_copy(update=missing)
+    return filled(table, {key: defaults[key] for key in defaults.keys() & type(table).model_fields})
 
 
 def body_profile(table: _Body, row: Floats, col: Floats, rows: int, cols: int) -> Floats:

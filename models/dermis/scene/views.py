@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from dermis.scene.schema import Strict, entry, refuse
+from dermis.scene.schema import Strict, entry, filled, refuse
 
 View = Literal["behavioural", "sky130"]
 Corner = Literal["tt", "ff", "ss", "sf", "fs"]
@@ -48,7 +48,7 @@ class Views(Strict):
     def of(cls, said: str | Views) -> Views:
         """Return the view of every block of [run] of a scene."""
         views = cls(default=said) if isinstance(said, str) else said
-        return views.model_copy(update={name: getattr(views, name) or views.default for name in BLOCKS})
+        return filled(views, dict.fromkeys(BLOCKS, views.default))
 
     def in_transistors(self, topology: str) -> frozenset[str]:
         """Return the blocks of a topology that are transistors in at least one column."""
