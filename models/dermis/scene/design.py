@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Design values of models/design.toml and limits of models/spec.toml, loaded strictly.
 
-Stored values are pydantic fields. Derived values (``timing.slot_clocks``, ``sensor.k_force_n_ohm``,
-``converter.packet_v`` ...) are properties; the file cannot hold them, so it cannot contradict them.
+Stored values are pydantic fields. Derived values have a formula in `_DERIVED`, and a property where code reads them
+(``timing.slot_clocks``); the file cannot hold them, so it cannot contradict them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 import operator
 import re
 import typing
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -82,11 +82,6 @@ class Sensor(Strict):
         """K_f in N.ohm: full force at the lowest resistance."""
         return float(exact(self.force_max_n) * exact(self.r_min_ohm))
 
-    @property
-    def force_min_n(self) -> float:
-        """Force in newton at r_max_ohm."""
-        return self.k_force_n_ohm / self.r_max_ohm
-
 
 class Interface(Strict):
     """The interface between a column and its converter."""
@@ -121,11 +116,6 @@ class Converter(Strict):
         """One packet as a voltage on c_int_f."""
         return float(exact(self.i0_a) / exact(self.f_clk_hz) / exact(self.c_int_f))
 
-    @property
-    def f_max_hz(self) -> float:
-        """Highest pulse rate in hertz: two ones are never adjacent."""
-        return float(exact(self.f_clk_hz) / 2)
-
 
 class Timing(Strict):
     """One frame, row slot and gate; the slot follows from frame, rows and clock."""
@@ -134,33 +124,17 @@ class Timing(Strict):
     gate_clocks: int = Field(ge=1, le=2**24)
     code_bits: int = Field(ge=1, le=16)
     break_clocks: int = Field(ge=1, le=2**16 - 3)
-    _slot_s: Fraction = PrivateAttr(default=Fraction(0))
-    _t_clk_s: Fraction = PrivateAttr(default=Fraction(0))
+    _slot: Fraction = PrivateAttr(default=Fraction(0))  # in clocks, exactly
 
     @property
     def slot_clocks(self) -> int:
         """Clocks of one row slot, frame_s / rows * f_clk_hz."""
-        return round(self._slot_s / self._t_clk_s)
+        return round(self._slot)
 
     @property
     def settle_clocks(self) -> int:
         """Clocks of a slot before the gate opens."""
         return self.slot_clocks - self.gate_clocks
-
-    @property
-    def slot_s(self) -> float:
-        """Length of a row slot in seconds."""
-        return float(self._slot_s)
-
-    @property
-    def gate_s(self) -> float:
-        """Length of the gate in seconds."""
-        return float(self.gate_clocks * self._t_clk_s)
-
-    @property
-    def settle_s(self) -> float:
-        """Time from the row switch to the start of the gate in seconds."""
-        return float(self.settle_clocks * self._t_clk_s)
 
     @property
     def code_max(self) -> int:
@@ -309,15 +283,13 @@ class Design(Strict):
 
     @model_validator(mode="after")
     def _derive(self) -> Design:
-        self.timing._slot_s = exact(self.timing.frame_s) / self.array.rows
-        self.timing._t_clk_s = 1 / exact(self.converter.f_clk_hz)
+        self.timing._slot = exact(self.timing.frame_s) / self.array.rows * exact(self.converter.f_clk_hz)
         return self
 
     def _contradictions(self) -> Iterator[tuple[str, str]]:
         """Yield keys that contradict others, each with what it may hold."""
         timing, sensor, converter = self.timing, self.sensor, self.converter
-        slot = timing._slot_s / timing._t_clk_s
-        clocks, full = timing.slot_clocks, timing.code_max
+        slot, clocks, full = timing._slot, timing.slot_clocks, timing.code_max
         # A clock such as 1/3 MHz has no exact double: whole to 1e-12 is whole.
         if clocks < 1 or abs(clocks - slot) > slot * _ROUNDING:
             yield "timing.frame_s", f"a row slot frame_s / rows of whole clocks, not of {float(slot)!r}"
@@ -365,11 +337,6 @@ class Design(Strict):
         """Reference current of the direct interface in ampere, k times larger."""
         return float(self.interface.k * exact(self.converter.i0_a))
 
-    @property
-    def c_direct_f(self) -> float:
-        """Integration capacitor of the direct interface in farad, k times larger."""
-        return float(self.interface.k * exact(self.converter.c_int_f))
-
     def duty(self, resistance_ohm: float) -> float:
         """Return x = V_b / (k i0 R); R = 0 gives inf, R = inf gives 0."""
         if resistance_ohm == 0:
@@ -392,28 +359,31 @@ class Design(Strict):
 
     def derived(self) -> dict[str, float | int]:
         """Return the derived values as ``{"section.key": value}``."""
-        values = {}
-        for name in _DERIVED:
-            section, key = name.split(".")
-            part = getattr(self, section)
-            values[name] = getattr(part if hasattr(part, key) else self, key)
-        return values
-
-    @property
-    def v_preset_v(self) -> float:
-        """Preset of the integrator in volt, half a packet (negative if inverted)."""
-        return float(exact(self.converter.packet_v) / 2)
+        return {name: value(self) for name, value in _DERIVED.items()}
 
 
-_DERIVED = (
-    *("sensor.k_force_n_ohm", "sensor.force_min_n"),
-    *("converter.t_clk_s", "converter.packet_c", "converter.packet_v", "converter.f_max_hz"),
-    *("timing.slot_clocks", "timing.settle_clocks", "timing.code_max"),
-    *("timing.slot_s", "timing.gate_s", "timing.settle_s"),
-    *("integrator.t_gbw_s", "conveyor.t_pole_s", "mirror.t_pole_s", "integrator.v_preset_v"),
-    *("converter.i0_direct_a", "converter.c_direct_f", "converter.swing_v"),
-)
-"""Keys of the derived values: properties of their section, or of the whole design."""
+_DERIVED: dict[str, Callable[[Design], float]] = {
+    "sensor.k_force_n_ohm": lambda d: d.sensor.k_force_n_ohm,
+    "sensor.force_min_n": lambda d: d.sensor.k_force_n_ohm / d.sensor.r_max_ohm,
+    "converter.t_clk_s": lambda d: d.converter.t_clk_s,
+    "converter.packet_c": lambda d: d.converter.packet_c,
+    "converter.packet_v": lambda d: d.converter.packet_v,
+    "converter.f_max_hz": lambda d: float(exact(d.converter.f_clk_hz) / 2),  # two ones are never adjacent
+    "timing.slot_clocks": lambda d: d.timing.slot_clocks,
+    "timing.settle_clocks": lambda d: d.timing.settle_clocks,
+    "timing.code_max": lambda d: d.timing.code_max,
+    "timing.slot_s": lambda d: float(exact(d.timing.frame_s) / d.array.rows),
+    "timing.gate_s": lambda d: float(d.timing.gate_clocks / exact(d.converter.f_clk_hz)),
+    "timing.settle_s": lambda d: float(d.timing.settle_clocks / exact(d.converter.f_clk_hz)),
+    "integrator.t_gbw_s": lambda d: d.integrator.t_gbw_s,
+    "conveyor.t_pole_s": lambda d: d.conveyor.t_pole_s,
+    "mirror.t_pole_s": lambda d: d.mirror.t_pole_s,
+    "integrator.v_preset_v": lambda d: float(exact(d.converter.packet_v) / 2),  # negative if inverted
+    "converter.i0_direct_a": lambda d: d.i0_direct_a,
+    "converter.c_direct_f": lambda d: float(d.interface.k * exact(d.converter.c_int_f)),
+    "converter.swing_v": lambda d: d.swing_v,
+}
+"""Formulas of the derived values, in the units of their names."""
 
 _ORDER = (
     ("sensor.r_max_ohm", "above", operator.gt, "sensor.r_min_ohm"),
