@@ -99,10 +99,6 @@ Set = Mapping[str, str | Callable[[Any, Setting], Any]]
 """Record field -> parameter, or a function of parameters and setting."""
 
 
-def _nothing_wrong(_: Any, setting: Setting) -> list[tuple[str, str]]:
-    return []
-
-
 @dataclass(frozen=True)
 class Effect:
     """One non-ideality."""
@@ -129,7 +125,7 @@ class Effect:
     # Parameter -> the one whose given value comes before the default of the design.
     follows: Mapping[str, str] = field(default_factory=dict)
     # Pairs of a parameter with an impossible value and what is allowed.
-    wrong: Callable[[Any, Setting], list[tuple[str, str]]] = _nothing_wrong
+    wrong: Callable[[Any, Setting], list[tuple[str, str]]] = lambda parameters, setting: []
     # The parameters as a table of a scene, made of them; None marks a default that comes from `defaults`.
     table: type[Strict] = field(default=None, repr=False)  # type: ignore[assignment]
 
