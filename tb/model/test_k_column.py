@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from dermis import engines, plan
-from dermis.errors import InputError
 from dermis.records import Plan
 from dermis.scene import scene
 
@@ -45,16 +44,3 @@ def test_a_saved_scene_has_the_ratios() -> None:
     saved = tomllib.loads(made("closed", k_column=K).resolved_toml())
     assert saved["interface"]["k_column"] == K
     assert "k_column" not in tomllib.loads(made("closed").resolved_toml())["interface"]
-
-
-@pytest.mark.parametrize(
-    ("interface", "allowed"),
-    [
-        ({"k_column": [80, 80]}, "a list of 4, one a column"),
-        ({"k_column": [80, 80, 80, 81]}, "one of 20, 40, 80, 160"),
-        ({"k_column": K, "topology": "direct"}, "no mirror divides"),
-    ],
-)
-def test_a_ratio_that_no_chip_has_is_refused(interface: dict[str, Any], allowed: str) -> None:
-    with pytest.raises(InputError, match=allowed):
-        made("closed", **interface)

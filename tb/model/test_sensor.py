@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_plans import refused
 from numpy.typing import NDArray
 
 from dermis import plan as planning
@@ -107,28 +106,6 @@ def test_decoding_follows_the_law(write_scene: Write) -> None:
     slope = math.log(x[at + 1] / x[at]) / math.log(f[at + 1] / f[at])
     # A slope between two codes 1 apart at code 40: the curve's own bend.
     assert slope == pytest.approx(0.60, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("text", "key", "allowed"),
-    [
-        ("r_open_ohm = 1e6", "sensor.r_open_ohm", 'left out with law "inverse"'),
-        ("force_points_n = [1, 2]", "sensor.force_points_n", 'left out with law "inverse"'),
-        ('law = "power"\nk_force_n_ohm = 7e3', "sensor.k_force_n_ohm", 'left out with law "power"'),
-        ('law = "power"\nforce_points_n = [1, 2]', "sensor.r_points_ohm", "2 resistances"),
-        ('law = "power"\nforce_points_n = [1, 2, 2, 3]', "sensor.force_points_n", "rise"),
-        ('law = "power"\nforce_points_n = [2, 1, 3, 4]', "sensor.force_points_n", "rise"),
-        ('law = "power"\nforce_points_n = [0, 1]', "sensor.force_points_n.0", "1e-9"),
-        ('law = "power"\nr_points_ohm = [1e3, 1e3, 10, 1]', "sensor.r_points_ohm", "fall"),
-        ('law = "power"\nr_points_ohm = [1e3, nan]', "sensor.r_points_ohm.1", "1e-6"),
-        ('law = "power"\nr_open_ohm = 30e3', "sensor.r_open_ohm", "above the first of r_points_ohm, 30000"),
-    ],
-)
-def test_a_law_that_is_none_is_one_line(text: str, key: str, allowed: str, write_scene: Write) -> None:
-    text = f'[stimulus]\nkind = "uniform"\ncode = 1\n[sensor]\n{text}\n'
-    error = refused(planning.load, write_scene(text))
-    assert error.key == key
-    assert allowed in error.allowed
 
 
 def test_true_force_stays_what_it_is_under_a_worn_sheet(write_scene: Write) -> None:

@@ -101,7 +101,10 @@ WRONG = [  # a command, and what its one line must say
     ("run", "Missing argument 'SCENE'"),
     ("run no_such_scene", "single_touch"),
     (f"run {'x' * 5000}", "single_touch"),
-    ("run single_touch --engine magic", "engine = magic: one of closed, event, rtl, cosim"),
+    (
+        "run single_touch --engine 'magic\n.control'",
+        "engine = magic .control: one of closed, event, rtl, cosim",
+    ),
     ("run single_touch --out /dev/null", "out = /dev/null: a directory"),
     ("run single_touch --out ''", 'out = "": a directory'),
     ("run single_touch --waves", "--waves = closed: engine cosim"),
