@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import binascii
 import math
+import struct
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from typing import TypeVar
@@ -30,6 +31,7 @@ TOKEN_OPCODE, TOKEN_CRC, TOKEN_BUSY, TOKEN_ACCESS = 0xE0, 0xE1, 0xE2, 0xE3
 
 FORMAT = 0x01
 HEADER_BYTES, CRC_BYTES = 8, 2
+_HEADER = struct.Struct(">BBHBBH")  # format, flags, number, columns, bits of a code, clocks of the gate
 SLOT_INJECT, SLOT_DARK, SLOT_FULL_EVEN, SLOT_FULL_ODD = 0xF0, 0xF1, 0xF2, 0xF3
 SPECIAL_SLOTS = (SLOT_INJECT, SLOT_DARK, SLOT_FULL_EVEN, SLOT_FULL_ODD)
 
@@ -276,9 +278,15 @@ class RowsOfInterest:
         return self.mask
 
 
+def _slot(cols: int, code_bits: int) -> np.dtype:
+    """One slot in a frame: its number, the codes, the overflow bits."""
+    code = ">u2" if code_bits > 8 else "u1"
+    return np.dtype([("number", "u1"), ("codes", code, (cols,)), ("overflow", "u1", ((cols + 7) // 8,))])
+
+
 def slot_bytes(cols: int, code_bits: int) -> int:
-    """Bytes of one slot in a frame: its number, the codes, the overflow bits."""
-    return 1 + cols * (2 if code_bits > 8 else 1) + (cols + 7) // 8
+    """Bytes of one slot in a frame."""
+    return _slot(cols, code_bits).itemsize
 
 
 def frame_bytes(slots: int, cols: int, code_bits: int) -> int:
@@ -297,42 +305,36 @@ def parse_frame(data: bytes) -> Frame:
         raise BadFrameLength(f"{len(data)} bytes are fewer than an empty frame has")
     if crc16(data):
         raise BadFrameCrc(f"frame of {len(data)} bytes: CRC {data[-2]:02X}{data[-1]:02X} does not match")
-    form, flags, high, low, cols, code_bits, gate_high, gate_low = data[:HEADER_BYTES]
+    form, flags, number, cols, code_bits, gate_clocks = _HEADER.unpack(data[:HEADER_BYTES])
     if form != FORMAT or flags >> 5 or not 1 <= cols <= 128 or not 1 <= code_bits <= 16:
         raise BadFrameFormat(f"header {data[:HEADER_BYTES].hex(' ')}")
-    size = slot_bytes(cols, code_bits)
-    body = np.frombuffer(data[HEADER_BYTES:-CRC_BYTES], dtype=np.uint8)
+    size, body = slot_bytes(cols, code_bits), data[HEADER_BYTES:-CRC_BYTES]
     if len(body) % size or not len(body):
         raise BadFrameLength(f"{len(body)} bytes are not one or more slots of {size}")
     # Zeros follow an answer and keep a CRC of 0: a frame whose length was corrupted upwards is whole with them.
     ends = range(HEADER_BYTES + CRC_BYTES + size, len(data), size)
     if whole := next((end for end in ends if not any(data[end:]) and not crc16(data[:end])), 0):
         raise BadFrameLength(f"{len(data)} bytes: a frame of {whole}, and zeros")
-    table = body.reshape(-1, size)
-    wide = code_bits > 8
-    end = 1 + cols * (2 if wide else 1)
-    codes = table[:, 1:end].astype(np.uint16)
-    if wide:
-        codes = codes[:, 0::2] << 8 | codes[:, 1::2]
-    overflow = np.unpackbits(table[:, end:], axis=1, bitorder="little").astype(bool)
-    slots = tuple(int(s) for s in table[:, 0])
+    table = np.frombuffer(body, dtype=_slot(cols, code_bits))
+    codes = table["codes"].astype(np.uint16)
+    overflow = np.unpackbits(table["overflow"], axis=1, bitorder="little").astype(bool)
+    slots = tuple(table["number"].tolist())
     order = [(s not in SPECIAL_SLOTS, s) for s in slots]
     if order != sorted(set(order)) or any(s >= 128 and s not in SPECIAL_SLOTS for s in slots):
         raise BadFrameFormat(f"slots {bytes(slots).hex(' ')}")
     if overflow[:, cols:].any() or (codes >> code_bits).any():
         raise BadFrameFormat("bits beyond the columns or beyond a code are not 0")
     test, dark, fault = (bool(flags >> bit & 1) for bit in (0, 3, 4))
-    head = high << 8 | low, cols, code_bits, gate_high << 8 | gate_low
+    head = number, cols, code_bits, gate_clocks
     return Frame(*head, slots, codes, overflow[:, :cols], test, flags >> 1 & 3, dark, fault)
 
 
 def pack_frame(frame: Frame) -> bytes:
     """Pack a frame as the chip does, for comparison in tests."""
     flags = frame.test | frame.pedestal_mode << 1 | frame.dark << 3 | frame.fault << 4
-    out = bytearray((FORMAT, flags, *divmod(frame.number, 256), frame.cols, frame.code_bits))
-    out += bytes(divmod(frame.gate_clocks, 256))
-    for slot, codes, overflow in zip(frame.slots, frame.codes, frame.overflow, strict=True):
-        out.append(slot)
-        out += codes.astype(">u2" if frame.code_bits > 8 else "u1").tobytes()
-        out += np.packbits(overflow, bitorder="little").tobytes()
-    return bytes(out) + crc16(out).to_bytes(2, "big")
+    head = _HEADER.pack(FORMAT, flags, frame.number, frame.cols, frame.code_bits, frame.gate_clocks)
+    table = np.zeros(len(frame.slots), _slot(frame.cols, frame.code_bits))
+    table["number"], table["codes"] = frame.slots, frame.codes
+    table["overflow"] = np.packbits(frame.overflow, axis=1, bitorder="little")
+    out = head + table.tobytes()
+    return out + crc16(out).to_bytes(2, "big")
