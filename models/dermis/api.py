@@ -231,12 +231,9 @@ def warm_up() -> None:
     for effects in (worn, worn | {"column_input": True, "trace": True}):
         skin = Skin(array=size, effects=effects)
         skin.decode(skin.read(force_n))
-    for effects in (
-        {"row_driver": True, "column_input": True},
-        {"thermal_noise": True, "integrator_gain": True},
-    ):
-        engine = "event" if "thermal_noise" in effects else "closed"
-        made = simulate(force_n=force_n, effects=effects, engine=engine)
+    runs = {"closed": ("row_driver", "column_input"), "event": ("thermal_noise", "integrator_gain")}
+    for engine, names in runs.items():
+        made = simulate(force_n=force_n, effects=dict.fromkeys(names, True), engine=engine)
         newtons(made.codes, made, corrected=True)
 
 
