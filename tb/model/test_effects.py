@@ -87,26 +87,3 @@ def test_spread_is_drawn_from_the_seed_and_by_nothing_else(name: str, tmp_path: 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
 def test_all_examples_go_together(topology: str, tmp_path: Path) -> None:
     event.run(made(tmp_path, OHM, examples(topology, *EFFECTS), topology))
-
-
-@pytest.mark.parametrize("name", EFFECTS)
-def test_a_range_holds_what_a_scene_may_have(name: str, tmp_path: Path) -> None:
-    rng = np.random.default_rng(1)
-    effect = EFFECTS[name]
-    for _ in range(20):
-        drawn = effect.draw(rng)
-        for key, value in drawn.items():
-            low, high = effect.range()[key]
-            # Products of powers of ten round.
-            assert 0.999 * low <= abs(value) <= 1.001 * high
-        made(tmp_path, OHM, {name: drawn}, effect.topologies[-1])
-
-
-@pytest.mark.parametrize("name", EFFECTS)
-def test_a_sign_that_no_draw_has_is_refused(name: str, tmp_path: Path) -> None:
-    effect = EFFECTS[name]
-    for key in effect.range():
-        if len(signs := effect.signs(key)) == 1:
-            wrong = effect.example() | {key: -signs[0] * effect.range()[key][1]}
-            with pytest.raises(InputError, match=key):
-                made(tmp_path, OHM, {name: wrong}, effect.topologies[-1])
