@@ -163,13 +163,6 @@ def _taxels(force, g, e, dt_s, law, sheet):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _taxel_frames(forces, envs, begin, stop, dt_s, law, sheet, out):
-    """Fill in the conductances `out` of frames begin .. stop - 1, frame n of sheet n modulo `envs`."""
-    for n in range(begin, stop):
-        _taxels(forces[n], out[n - begin], n % envs, dt_s[n], law, sheet)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _read_frames(forces, envs, begin, stop, dt_s, law, sheet, network, chip, work, codes):
     """Read frames begin .. stop - 1, frame n of sheet n modulo `envs`, until one has a short; return its number.
 
@@ -496,9 +489,9 @@ class Skin(Threaded):
         return closed.codes_of(self.plan, self.plan.converter.duty(currents))
 
     def _read_solved(self, forces: Floats, dt_s: Floats, codes: NDArray, part: slice) -> None:
-        g = np.empty((part.stop - part.start, self.rows, self.cols))
-        place = len(self._resets), part.start, part.stop
-        _taxel_frames(forces, *place, dt_s, self._law, self._sheet(), g)
+        g, sheet = np.empty((part.stop - part.start, self.rows, self.cols)), self._sheet()
+        for n, frame in enumerate(g, start=part.start):
+            _taxels(forces[n], frame, n % len(self._resets), dt_s[n], self._law, sheet)
         codes[part] = self._codes(g)
 
 

@@ -41,7 +41,7 @@ GUARDS = {
     "decode.law": {"_forces": "Curve"},
     "decode.memory": {"apply_frame": "SheetMemory", "undo_frame": "SheetMemory"},
     "scene.sensor_loops": {"advance_creep": "creep_decades"},
-    "skin": {"_read_frames": "Skin.read", "_taxel_frames": "Skin.read"},
+    "skin": {"_read_frames": "Skin.read", "_taxels": "Skin.read"},
     # C: lockstep.c and clock_loop.c.
     "lockstep": {
         "lockstep_advance": "itself, in lockstep.c",
