@@ -261,7 +261,6 @@ def _scene(
     seed: int | None = None,
     tables: Mapping[str, Any] | None = None,
 ) -> Scene:
-    """Resolve a scene with the changes of the caller."""
     allowed = "a path, a name or a dict; for arrays, force_n=... or resistance_ohm=..."
     path, data = scenes.tables_of(scene, _HERE, allowed)
     run = {name: value for name, value in (("engine", engine), ("seed", seed)) if value is not None}

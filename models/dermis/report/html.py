@@ -77,7 +77,6 @@ def write(
 
 
 def _page(**said: Any) -> str:
-    """Return the HTML of a page."""
     markup = optional("markupsafe", "report").Markup
     # Every text becomes one line, and is escaped.
     environment = optional("jinja2", "report").Environment(

@@ -137,7 +137,6 @@ def resolve(table: SensorTable, defaults: designs.Sensor, file: Path | str) -> S
 
 
 def _wrong(table: SensorTable) -> Iterator[tuple[str, str]]:
-    """Yield keys with impossible values, and what is allowed."""
     for law, keys in _KEYS.items():
         if law != table.law:
             said = f'left out with law "{table.law}"'

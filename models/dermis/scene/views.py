@@ -91,7 +91,6 @@ def resolve(said: str | Views, cols: int, path: Path) -> str | Views:
 
 
 def _wrong(views: Views, cols: int) -> Iterator[tuple[str, str]]:
-    """Yield keys with impossible values, and what is allowed."""
     columns = views.columns
     if columns is not None and not len(set(columns) & set(range(cols))) == len(columns) > 0:
         yield "columns", f"a list of different whole numbers from 0, below array.cols = {cols}"
