@@ -9,26 +9,14 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from dermis import plan
-from dermis.engines import closed
-from dermis.records import Plan
+import dermis
 from dermis.report import comparison, figures
-from dermis.scene import scene
 
 
-def made(tmp_path: Path, newtons: np.ndarray) -> Plan:
-    np.save(tmp_path / "frames.npy", newtons)
-    data = {
-        "array": {"rows": newtons.shape[1], "cols": newtons.shape[2]},
-        "stimulus": {"kind": "frames", "file": "frames.npy", "unit": "newtons"},
-    }
-    return plan.make(scene.from_data(data, tmp_path / "frames.toml"), "closed")
-
-
-def drawn(tmp_path: Path, which: Plan) -> tuple[Figure, dict[str, Any]]:
-    codes = closed.run(which).codes
-    path = tmp_path / "frame.png"
-    figure = figures.frame_figure(which, codes, comparison.fit_residual(which, codes), path)
+def drawn(tmp_path: Path, newtons: np.ndarray) -> tuple[Figure, dict[str, Any]]:
+    result = dermis.simulate(force_n=newtons, engine="closed")
+    path, fit = tmp_path / "frame.png", comparison.fit_residual(result.plan, result.codes)
+    figure = figures.frame_figure(result.plan, result.codes, fit, path)
     assert path.read_bytes().startswith(b"\x89PNG")
     return figure, {axes.get_label(): axes for axes in figure.axes}
 
@@ -44,10 +32,10 @@ def words(figure: Figure) -> set[str]:
 
 def test_few_codes_are_drawn_one_by_one_and_many_are_counted_in_cells(tmp_path: Path) -> None:
     forces = np.random.default_rng(1).uniform(0, 14.9, (figures.POINTS_MAX // 256, 16, 16))
-    figure, axes = drawn(tmp_path, made(tmp_path, forces))
+    figure, axes = drawn(tmp_path, forces)
     assert points(figure) > 2 * forces.size, "each code twice, and the lines"
     many = np.concatenate([forces] * 3)
-    figure, axes = drawn(tmp_path, made(tmp_path, many))
+    figure, axes = drawn(tmp_path, many)
     assert points(figure) < 100, "lines only"
     for name in ("curve", "rest"):
         (cells,) = [c for c in axes[name].collections if isinstance(c, PolyCollection)]
@@ -57,7 +45,7 @@ def test_few_codes_are_drawn_one_by_one_and_many_are_counted_in_cells(tmp_path: 
 @pytest.mark.paper
 def test_both_maps_have_one_scale_that_says_newtons_and_codes(tmp_path: Path) -> None:
     force = np.array([[[0.0, 7.5, 15.0, 40.0]] * 4])
-    figure, axes = drawn(tmp_path, made(tmp_path, force))
+    figure, axes = drawn(tmp_path, force)
     press, codes = (axes[name].images[0] for name in ("press", "codes"))
     assert press.get_clim() == codes.get_clim() == (0, 255)
     # 7.5 N are 127.5 counts; a code is a whole number.
@@ -67,7 +55,7 @@ def test_both_maps_have_one_scale_that_says_newtons_and_codes(tmp_path: Path) ->
 
 @pytest.mark.paper
 def test_a_light_touch_fills_the_scales(tmp_path: Path) -> None:
-    figure, axes = drawn(tmp_path, made(tmp_path, np.linspace(0, 1.5, 256).reshape(1, 16, 16)))
+    figure, axes = drawn(tmp_path, np.linspace(0, 1.5, 256).reshape(1, 16, 16))
     assert axes["press"].images[0].get_clim() == axes["codes"].images[0].get_clim() == (0, 31)
     assert axes["curve"].get_xlim()[1] < 2
     assert "31  (1.82 N)" in words(figure)
@@ -75,14 +63,14 @@ def test_a_light_touch_fills_the_scales(tmp_path: Path) -> None:
 
 @pytest.mark.paper
 def test_curves_are_as_wide_as_maps_and_scale_and_end_at_full_force(tmp_path: Path) -> None:
-    figure, axes = drawn(tmp_path, made(tmp_path, np.linspace(0, 14, 256).reshape(1, 16, 16)))
+    figure, axes = drawn(tmp_path, np.linspace(0, 14, 256).reshape(1, 16, 16))
     assert axes["rest"].get_window_extent().x1 > 0.97 * figure.bbox.width
     assert [text.get_text() for text in axes["rest"].get_xticklabels()][-1] == "15"
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(60, 21), (4, 16), (16, 16), (1, 16), (16, 1)])
 def test_maps_of_any_shape_fill_their_place(rows: int, cols: int, tmp_path: Path) -> None:
-    figure, axes = drawn(tmp_path, made(tmp_path, np.full((1, rows, cols), 5.0)))
+    figure, axes = drawn(tmp_path, np.full((1, rows, cols), 5.0))
     box, whole = axes["codes"].get_window_extent(), figure.bbox
     # Square taxels, and a map that takes a sixth of the figure in one direction at least.
     assert box.width / cols == pytest.approx(box.height / rows, rel=0.02)

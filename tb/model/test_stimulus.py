@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dermis import engines
 from dermis import plan as planning
 from dermis.errors import InputError
+from dermis.report.output import npy_bytes as npy
 from dermis.scene import stimulus
 
 T = 2e-3  # frame time of the chip with its 16 rows
@@ -44,12 +45,6 @@ def frames(unit: str = "codes", more: str = "", file: str = "frames.csv") -> str
 tapping = '[stimulus]\nkind = "tapping"\nshape = "round"\nforce_n = 10.0\n{}'.format
 ramp = '[stimulus]\nkind = "ramp"\n{}'.format
 recorded = '[stimulus]\nkind = "uniform"\nforce_n = [0, 4, 12]\n{}'.format
-
-
-def npy(array: NDArray[np.generic]) -> bytes:
-    stream = io.BytesIO()
-    np.save(stream, array)
-    return stream.getvalue()
 
 
 def npz(**arrays: NDArray[np.generic]) -> bytes:
