@@ -17,7 +17,7 @@ from dermis.decode.decoder import Decoder
 from dermis.errors import InputError
 from dermis.report import calibrate
 from dermis.skin import Skin
-from tb.programs.decode import session
+from tb.programs.decode import command, session
 
 SIZE = 8
 EFFECTS = {
@@ -185,8 +185,7 @@ def test_loads_that_contradict_each_other_are_refused() -> None:
 
 def test_one_cycle_tells_hysteresis_and_creep() -> None:
     force, codes = session.cycle(skin(memory=True), 11.0)
-    none = calibration.MemoryLaw(np.empty(0), np.empty(0))
-    known = dataclasses.replace(Calibration.of_plan(skin(memory=True).plan), memory=none)
+    known = command.without_memory(Calibration.of_plan(skin(memory=True).plan))
     found, values = identify.fit_memory(known, codes, force, session.T_FRAME_S)
     # Half a code of 170 at the turn of the loop is 0.003 of it; creep is fitted from the same readings.
     assert values["hysteresis"][0] == pytest.approx(0.1, abs=0.003)

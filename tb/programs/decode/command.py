@@ -123,16 +123,15 @@ def hysteresis() -> verdict.Row:
     blind = without_memory(Calibration.of_plan(skin.plan))
     force, codes = session.cycle(skin, 13.0)
     found, values = identify.fit_memory(blind, codes, force, session.T_FRAME_S)
-    off: dict[str, list[Floats]] = {"before": [], "after": []}
+    off = []
     for seed in range(SEED, SEED + 10):
         skin.reset()
         force = cycles(seed, 1500, 16).reshape(-1, 4, 4)
         codes = skin.read(force, 2e-3)
-        decoded = {"before": Decoder(blind, 2e-3).decode(codes), "after": Decoder(found, 2e-3).decode(codes)}
-        used = decoded["after"].flags & SATURATED == 0
-        for name, one_way in decoded.items():
-            off[name].append((one_way.force_n - force)[used] / FULL_N * 100)
-    before, after = (np.concatenate(errors) for errors in off.values())
+        decoded = [Decoder(known, 2e-3).decode(codes) for known in (blind, found)]
+        used = decoded[1].flags & SATURATED == 0
+        off.append([(one_way.force_n - force)[used] / FULL_N * 100 for one_way in decoded])
+    before, after = np.concatenate(off, axis=1)
     note = (
         f"rms over 10 x 16 unseen cycles; largest {np.abs(after).max():.3g} %, where a loop is flat; uncorrected "
         f"rms {rms(before):.3g} %, largest {np.abs(before).max():.3g} %; "

@@ -55,10 +55,9 @@ class Case:
         return f"{self.topology}.k{self.k}.{at.corner}_{at.celsius:g}C{supply}"
 
     def resistances(self) -> Floats:
-        design = design_module.load()
-        unit_ohm = design.interface.v_bias_v / (self.k * design.converter.i0_a)
+        gate_clocks = design_module.load().timing.gate_clocks
         with np.errstate(divide="ignore"):
-            return unit_ohm * design.timing.gate_clocks / np.array(self.codes, dtype=float)
+            return scenes.unit_ohm({"k": self.k}) * gate_clocks / np.array(self.codes, dtype=float)
 
     def column(self, blocks: Path | None = None) -> Column:
         """Return the column to run, of spice/sky130 or of a changed copy."""

@@ -21,14 +21,10 @@ SLOW = ("cosim", "verilator")
 """Runs left out of the short set: they take seconds, and the tests of these engines cover them."""
 
 
-def all_cases() -> list[Case]:
-    return [case for module in MODULES.values() for case in module.cases()]
-
-
 def chosen(words: Sequence[str], short: bool) -> list[Case]:
     """Return cases whose group or name has one of the words, short ones without slow runs; InputError for none."""
     found = []
-    for case in all_cases():
+    for case in (case for module in MODULES.values() for case in module.cases()):
         if words and not any(word in case.name or word == case.group for word in words):
             continue
         if short:
