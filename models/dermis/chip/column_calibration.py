@@ -77,9 +77,9 @@ def measure(design: Design, cols: int) -> Steps[Columns]:
     full_a = design.interface.k * design.converter.i0_a
     nominal, pedestal = made.i_test_a / full_a, made.i_pedestal_a / full_a
     long = DARK_GATES * gate
-    yield from _write(rm.CONTROL, 0)
-    yield from _write(rm.DARK_MAX, round(2 * gate * pedestal))
-    yield from _write(rm.FULL_MIN, int(FULL_PART * gate * nominal))
+    yield spi.write_register(rm.CONTROL, 0)
+    yield spi.write_register(rm.DARK_MAX, round(2 * gate * pedestal))
+    yield spi.write_register(rm.FULL_MIN, int(FULL_PART * gate * nominal))
     frame = yield from _test_frame(long)
     counts = frame.slot(spi.SLOT_DARK).astype(float)
     dark = counts / long
@@ -95,7 +95,7 @@ def measure(design: Design, cols: int) -> Steps[Columns]:
     failed["pedestal"] = counts == 0
     failed["gain"] = np.abs((full - dark) / nominal - 1.0) > GAIN_LIMIT
     verdict = tuple(next((n for n, bad in failed.items() if bad[c]), "ok") for c in range(cols))
-    yield from _write(rm.CONTROL, rm.CONTROL_CONTINUOUS_MASK)
+    yield spi.write_register(rm.CONTROL, rm.CONTROL_CONTINUOUS_MASK)
     return Columns(dark, full, verdict, gate, made.i_test_a)
 
 
@@ -112,13 +112,9 @@ def duty(counts: Floats, gates: Sequence[int]) -> Floats:
     return 0.5 * (np.maximum(low, 0.0) + np.minimum(high, 1.0))
 
 
-def _write(address: int, value: int) -> Steps[None]:
-    yield spi.write_register(address, value)
-
-
 def _test_frame(gate_clocks: int) -> Steps[spi.Frame]:
-    yield from _write(rm.GATE, gate_clocks)
-    yield from _write(rm.CONTROL, rm.CONTROL_TEST_MASK)
+    yield spi.write_register(rm.GATE, gate_clocks)
+    yield spi.write_register(rm.CONTROL, rm.CONTROL_TEST_MASK)
     for _ in range(POLLS):
         status = yield spi.read_register(rm.STATUS)
         if status & rm.STATUS_TEST_DONE_MASK:
