@@ -43,6 +43,21 @@ def test_the_circuits_have_devices_and_pins_alone() -> None:
 
 
 @pytest.mark.parametrize(
+    "line",
+    [
+        "gpacket out vss d_charge vss_d 25u",
+        "rref v_r agnd 50k",
+        "xn_off 0 off v_tail vss nmos w=5 l=0.5",
+        ".global vref",
+        ".if (polarity > 0)",
+    ],
+)
+def test_an_ideal_element_is_noticed(line: str) -> None:
+    text = (CIRCUIT / "charge_source.sp").read_text()
+    assert list(ideal(text.replace(".ends charge_source\n", f"{line}\n.ends charge_source\n"))) == [line]
+
+
+@pytest.mark.parametrize(
     "condition", [Condition(), pytest.param(Condition("ss", -40.0, 0.9), marks=pytest.mark.long)], ids=str
 )
 def test_the_front_end_starts_converts_senses_tests_and_stops(condition: Condition) -> None:
