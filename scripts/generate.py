@@ -30,14 +30,10 @@ ORIGIN = "Generated from models/design.toml; change it there and run: dermis gen
 _MARKS = {"P": "paper", "C": "computed", "S": "source", "": ""}
 
 
-def _cell(text: object) -> str:
-    return str(text).replace("|", "/")
-
-
 def design_table(design: Design, root: Path) -> str:
     why = design_module.reasons(root / "models" / "design.toml")
     stored = (
-        (f"`{key}`", str(value), _MARKS[why[key].mark], _cell(why[key].text))
+        (f"`{key}`", str(value), _MARKS[why[key].mark], why[key].text)
         for key, value in design.stored().items()
     )
     derived = ((f"`{key}`", f"{value:.9g}") for key, value in design.derived().items())
@@ -49,7 +45,7 @@ def limits_table(_design: Design, root: Path) -> str:
     rows = []
     for name, limit in design_module.load_spec(root / "models" / "spec.toml").items():
         low, high = ("" if v is None else f"{v:.9g}" for v in (limit.min, limit.max))
-        gates, conditions = "yes" if limit.gate else "no", _cell(limit.conditions)
+        gates, conditions = "yes" if limit.gate else "no", limit.conditions
         rows.append((f"`{name}`", low, high, limit.unit, gates, conditions, f"`{limit.command}`"))
     return markdown.table(("limit", "min", "max", "unit", "gates", "conditions", "measured by"), rows)
 

@@ -108,6 +108,7 @@ FAULTS = {
     "a value in a file": ("half(['.include \"part.inc\"'])", "part.inc: line 2 = v_e e 0 0 external"),
     "sources in parallel": ("half(['r2 a 0 1', 'v2 gnd d 0'])", "line 6 = v2 gnd d 0: no voltage source in parallel"),
     "a current source": ("half(['i_e e 0 external'])", "line 5 = i_e e 0 external: an external"),
+    "a subcircuit without end": ("half(['.subckt a b', 'r1 b 0 1'])", "line 5 = .subckt a b: .ends or .endif after"),
     "a command": ("half(['.control', 'quit', '.endc'])", "line 5 = .control: no .control block"),
 }  # fmt: skip
 

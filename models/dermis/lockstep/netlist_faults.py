@@ -30,11 +30,12 @@ def refuse(lines: Sequence[str]) -> None:
     - An analysis, such as `.tran` with `uic`: it would not be run.
     - Two voltage sources across the same nodes, outside subcircuits: a singular matrix, which ngspice reports
       for one of their branches.
+    - `.subckt` or `.if` without its end: ngspice takes no other circuit after it.
 
     The first of the `lines` is the title. Files of `.include` are read as well, those of `.lib` not.
     """
     across: dict[frozenset[str], str] = {}
-    depth = 0
+    opened: list[tuple[str, str, str]] = []
     for place, line in _cards(lines[1:], Path("netlist"), 2):
         words = re.split(r"[\s=(),]+", line.lower().strip())
         name, ends, value = words[0], frozenset("0" if w == "gnd" else w for w in words[1:3]), words[3:]
@@ -44,17 +45,21 @@ def refuse(lines: Sequence[str]) -> None:
             raise InputError(*place, line, "no analysis: the co-simulation runs its own transient")
         if name[0] not in "vi.":
             continue
-        depth += name.startswith(_OPENS)
-        depth -= name in _CLOSES
+        if name.startswith(_OPENS):
+            opened.append((*place, line))
+        elif name in _CLOSES and opened:
+            opened.pop()
         if "external" in value and name[0] == "i":
             allowed = "an external voltage source that controls a current source: g1 node node control 0 1"
             raise InputError(*place, line, allowed)
         if "external" in value and value != ["external"]:
             raise InputError(*place, line, "name node node external; a value here crashes ngspice")
-        if name[0] != "v" or depth:
+        if name[0] != "v" or opened:
             continue
         if (other := across.setdefault(ends, f"{place[0]}, {place[1]}")) != f"{place[0]}, {place[1]}":
             raise InputError(*place, line, f"no voltage source in parallel with that of {other}")
+    if opened:
+        raise InputError(*opened[-1], ".ends or .endif after it")
 
 
 def breaks(lines: Sequence[str]) -> bool:
