@@ -256,6 +256,10 @@ class Skin(Threaded):
         if not argument((dead, stuck), "dead, stuck", (2,), 0.0).sum() <= 1:
             raise InputError("Skin", "dead, stuck", (dead, stuck), "probabilities 0..1, together at most 1")
         engines.check(replace(self.plan, front_end=None))
+        ratio = self.plan.scene.effects.get("mirror_ratio")
+        if envs is not None and ratio is not None and ratio.spread:
+            allowed = "0 with envs: one chip reads all sheets; ratio_error takes a list, one a column"
+            raise InputError("Skin", "effects.mirror_ratio.spread", ratio.spread, allowed)
         self.rows, self.cols = self.plan.rows, self.plan.cols
         self.t_frame_s = self.plan.timing.frame_s
         self.threads, self.envs = threads, envs

@@ -210,8 +210,9 @@ def test_rows_are_written_as_strict_json_and_whole(tmp_path: Path, monkeypatch: 
 
 
 def test_the_table_shows_every_status_and_brackets_of_a_note(capsys: pytest.CaptureFixture[str]) -> None:
-    verdict.print_rows([GOOD, BAD, LOST, SKIPPED], "t")
+    verdict.print_rows([GOOD, BAD, LOST, SKIPPED], "a title [/s]")
     shown = capsys.readouterr().out
+    assert "a title [/s]" in shown
     assert "taxel [3, 4]" in shown
     assert "no [red] frames" in shown
     assert "1 PASS, 1 FAIL, 1 ERROR, 1 SKIP" in shown

@@ -135,6 +135,7 @@ def test_wrong_arrays_are_refused(call: Any, error: str) -> None:
         ({"envs": 2.0}, "envs"),
         ({"dead": 0.7, "stuck": 0.6}, "dead, stuck"),
         ({"effects": {"no_such": True}}, "effects.no_such"),
+        ({"envs": 2, "effects": {"mirror_ratio": {"spread": 0.01}}}, "mirror_ratio.spread"),
         ({"effects": {"row_driver": None}}, "effects.row_driver"),
         ({"calibration": "no_such.toml"}, "no_such.toml"),
         ({"scene": 5}, "scene"),

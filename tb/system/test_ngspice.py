@@ -98,6 +98,8 @@ def test_misuse_is_refused_with_the_words_of_ngspice(tmp_path: Path, code: str, 
     assert said in found
 
 
+TIMES = "t_edge_s=1e-9, t_max_step_s=1e-7, t_stop_s=1e-5, log=Path('ngspice.log')"
+EMPTY = f"NgspiceHalf(Deck(('title', '.options reltol=1e-6'), (), (), (), ('out',)), {TIMES})"
 FAULTS = {
     "a source that is not external": ("half(['v_e e 0 1'], ('v_d', 'v_e'))", "source = v_e: an external source"),
     "a source that is not there": ("half((), ('v_d', 'v_e'))", "source = v_e: an external source"),
@@ -108,6 +110,7 @@ FAULTS = {
     "a value in a file": ("half(['.include \"part.inc\"'])", "part.inc: line 2 = v_e e 0 0 external"),
     "sources in parallel": ("half(['r2 a 0 1', 'v2 gnd d 0'])", "line 6 = v2 gnd d 0: no voltage source in parallel"),
     "a current source": ("half(['i_e e 0 external'])", "line 5 = i_e e 0 external: an external"),
+    "no element": (EMPTY, "elements = 0: at least one, after the line of the title"),
     "a subcircuit without end": ("half(['.subckt a b', 'r1 b 0 1'])", "line 5 = .subckt a b: .ends or .endif after"),
     "a command": ("half(['.control', 'quit', '.endc'])", "line 5 = .control: no .control block"),
 }  # fmt: skip

@@ -22,7 +22,7 @@ from dermis.scene.schema import read_bytes
 from dermis.scene.stimulus import FILE_BYTES_MAX, VALUES_MAX, npy_array, npz_member
 
 UNITS = ("codes", "newtons", "kpa", "ohm")
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
+TIME_UNITS = text.TIME_UNITS
 GAPS = ("keep", "refuse", "hold")
 """Values that are missing in some frames: kept as NaN, refused, or that of the frame before."""
 AXES = ("frames", "rows", "cols", "taxels")
@@ -102,9 +102,10 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     frames = _shaped(path, found, layout)
     absent = np.isnan(frames).all(axis=0)
     if layout.missing is not None:
-        absent |= (frames == layout.missing).all(axis=0)
-        if layout.missing < 0:  # no force: a value that is missing in some frames only
-            frames = np.where(frames == layout.missing, np.nan, frames)
+        missing = layout.missing * found.factor
+        absent |= (frames == missing).all(axis=0)
+        if missing < 0:  # no force: a value that is missing in some frames only
+            frames = np.where(frames == missing, np.nan, frames)
     if absent.all():
         raise InputError(path, "--missing", layout.missing, "a value that some taxel does not always have")
     frames = np.where(absent, 0.0, frames)
@@ -173,6 +174,18 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
             file = optional("h5py", "recordings").File(io.BytesIO(data), "r")
             file.visititems(lambda n, item: sets.update({n: item}) if hasattr(item, "dtype") else None)
         values, time, name = _chosen(path, sets, layout)
+        parts = [
+            n
+            for n, i in sets.items()
+            if name and n != name and text.is_part_of(n, name) and i.size == time.size
+        ]
+        if parts and layout.time_key is None:
+            raise InputError(
+                path,
+                "time",
+                f"{name} and {parts[0]}",
+                f"--time-key {name}, without parts of a second, or --rate",
+            )
         time_unit, unit = _unit_of(time), _unit_of(values)
     values = np.asarray(values).T if reversed_axes else np.asarray(values)
     if values.dtype.kind not in "biuf":
@@ -420,6 +433,8 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         first = int(np.argmax(step == 0)) + 1
         warn(path, f"{same} times are those of the frame before, the first of frame {first}")
     unit, median = layout.time_unit or found.time_unit, float(np.median(step[step > 0]))
+    if found.time_unit not in (None, unit):
+        warn(path, f"{found.time_from} is in {found.time_unit} by its name, which --time-unit overrules")
     if unit is None:
         first = time[0] + found.start
         unit = next((u for u, least, most in _STAMPS if least < first < 2 * least and median < most), None)

@@ -60,6 +60,8 @@ _DAY_FIRST = re.compile(r"(\d{1,2})(?:-([A-Za-z]{3})-(\d{4})|\.(\d{1,2})\.(\d{4}
 """04-Mar-2024, 4.3.2024 and 04.03.24."""
 _DIGITS = re.compile(r"((?:19|20)\d\d)(\d\d)(\d\d)T?(\d\d)(\d\d)(\d\d(?:\.\d+)?)Z?")
 """Date and time without marks, as in 20240304100000.02."""
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
+"""Seconds of the units of `--time-unit`."""
 PER_SECOND = {"ms": 10**3, "us": 10**6, "ns": 10**9}
 _NUMBERS_SURE = 16
 """A first line 0, 1, 2, ... of fewer values may be a frame, and is asked for."""
@@ -136,7 +138,7 @@ class Found:
     start : added to `time` to give stamps since 1970, where that would lose digits.
     number : numbers of the frames, where the file has them.
     by_line, binary : a line, or a part of the first axis, is a frame; an array whose axes may be in any order.
-    unit : of `recording.UNITS`.
+    unit, factor : of `recording.UNITS`, and what values of the file were multiplied by.
     """
 
     values: Floats
@@ -149,6 +151,7 @@ class Found:
     binary: bool = False
     shape: tuple[int, int] | None = None
     unit: str | None = None
+    factor: float = 1.0
     area_mm2: float | None = None
     order: str = "row by row, as in the file"
     ignored: list[str] = field(default_factory=list)
@@ -158,7 +161,7 @@ class Found:
         unit = re.sub(r'[\s^,;"]', "", unit).lower().replace("²", "2")
         for name, known in FACTORS.items():
             if unit in known:
-                self.values, self.unit = self.values * known[unit], name
+                self.values, self.unit, self.factor = self.values * known[unit], name, known[unit]
         return self.unit is not None or unit in _RAW
 
 
@@ -264,6 +267,12 @@ def _unit_in(name: str) -> tuple[str, str | None]:
     """Return what stands before the unit of a time in its name, and the unit."""
     match = _TIME_UNIT.fullmatch(_parted(name).lower())
     return (match[0][: match.start(match.lastgroup)], match.lastgroup) if match else ("", None)
+
+
+def is_part_of(name: str, whole: str) -> bool:
+    """Return True for the name of parts of a second next to that of whole ones, as stamp_nsec and stamp_sec."""
+    (start, unit), (before, fine) = _unit_in(whole), _unit_in(name)
+    return unit in (None, "s") and fine in PER_SECOND and before in ("", start)
 
 
 def is_time(name: str, known: re.Pattern = _TIME) -> bool:
@@ -530,6 +539,10 @@ class Table:
             if alone and not named and self.layout.rate_hz is None and first[alone[0]]:
                 allowed = "a number, a clock, or a date as 2024-03-04 12:00:00; or --rate"
                 raise self._ask(names[alone[0]], quoted(first[alone[0]]), allowed)
+            spans = [span for span in map(self._span, named) if span is not None]
+            if spans and max(spans) > 1.1 * min(spans):
+                listed = " and ".join(self.names[k] for k in named[:2])
+                warn(self.path, f"{listed} differ: {self.names[named[0]]} is taken; --time-key otherwise")
             if named:
                 return named[:1]
         if stamps or names:
@@ -546,6 +559,14 @@ class Table:
                 return [k, k + 1] if fine else [k]
         return []
 
+    def _span(self, k: int) -> float | None:
+        """Return the seconds from the first to the last time of the sample; None without a unit."""
+        first, last = self.sample[0][k], self.sample[-1][k]
+        unit = TIME_UNITS.get(time_unit_of(self.names[k])) if is_number(first) else 1.0
+        if unit is None or not is_number(last, read := number_of if is_number(first) else seconds_of):
+            return None
+        return (read(last) - read(first)) * unit
+
     def _with_parts(self, k: int) -> list[int]:
         """Return the columns of a time: the date before its clock, or the part of a second after its whole seconds."""
         cells, others = [row[k] for row in self.sample], range(self.width)
@@ -557,13 +578,12 @@ class Table:
                     allowed = "a date as 2024-03-04, or --time-key, or --rate"
                     raise self._ask(f"column {j}", quoted(self.sample[0][j]), allowed)
         if self.names and all(re.fullmatch(r"\d+|\d{1,2}:\d\d:\d\d", cell) for cell in cells):
-            start, unit = _unit_in(self.names[k])
             for j in others:
                 # stamp.sec and stamp.nanosec, secs and nsecs, s and us, or ms beside any.
-                before, fine = _unit_in(self.names[j])
                 parts = [row[j] for row in self.sample]
-                if unit in (None, "s") and fine in PER_SECOND and before in ("", start) and j != k:
-                    if all(re.fullmatch(r"\d{1,9}", p) and int(p) < PER_SECOND[fine] for p in parts):
+                if is_part_of(self.names[j], self.names[k]) and j != k:
+                    per_s = PER_SECOND[_unit_in(self.names[j])[1]]
+                    if all(re.fullmatch(r"\d{1,9}", p) and int(p) < per_s for p in parts):
                         return [k, j]
         return [k]
 

@@ -30,10 +30,12 @@ def refuse(lines: Sequence[str]) -> None:
     - An analysis, such as `.tran` with `uic`: it would not be run.
     - Two voltage sources across the same nodes, outside subcircuits: a singular matrix, which ngspice reports
       for one of their branches.
-    - `.subckt` or `.if` without its end: ngspice takes no other circuit after it.
+    - `.subckt` or `.if` without its end, or no element at all: ngspice takes no other circuit after it, or hangs.
 
     The first of the `lines` is the title. Files of `.include` are read as well, those of `.lib` not.
     """
+    if not re.search(r"^[ \t]*([a-z]|\.inc|\.lib)", "\n".join(lines[1:]), re.IGNORECASE | re.MULTILINE):
+        raise InputError("netlist", "elements", 0, "at least one, after the line of the title")
     across: dict[frozenset[str], str] = {}
     opened: list[tuple[str, str, str]] = []
     for place, line in _cards(lines[1:], Path("netlist"), 2):

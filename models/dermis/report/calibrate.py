@@ -2,6 +2,7 @@
 """`dermis calibrate`: measurements of a session into one calibration file."""
 
 import dataclasses
+import warnings
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,7 +13,7 @@ from pydantic import Field
 
 from dermis.decode import calibration, identify, recording
 from dermis.decode.calibration import Calibration
-from dermis.errors import InputError
+from dermis.errors import InputError, one_line
 from dermis.report import output, verdict
 from dermis.report.read import chip_of
 from dermis.scene import scene as scenes
@@ -225,7 +226,11 @@ def calibrate_command(recordings: str, out: str | None, check: str | None) -> in
     if target.is_file() and not target.read_bytes().startswith(b"format = "):
         allowed = "a new file, or an earlier calibration to replace"
         raise InputError("command line", "--out", str(target), allowed)
-    made, rows = session(path)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        made, rows = session(path)
+    for said in caught:
+        click.echo(f"warning: {one_line(str(said.message), 400)}", err=True)
     if check is not None:
         old = calibration.load(check)
         old.check(made.rows, made.cols, check)

@@ -12,6 +12,7 @@ from typing import Any
 
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from dermis.files import write_atomic
@@ -155,7 +156,7 @@ def print_table(
     title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[str]
 ) -> Console:
     """Print a table whose columns `numbers` are aligned to the right; return its console."""
-    table = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left")
+    table = Table(title=escape(title) or None, box=box.SIMPLE_HEAD, title_justify="left")
     for heading in heads:
         number = heading in numbers
         table.add_column(heading, justify="right" if number else "left", overflow="fold", no_wrap=number)
@@ -172,9 +173,9 @@ def print_rows(rows: Sequence[Row], title: str = "") -> None:
     lines = []
     for row in rows:
         status = f"[{COLOURS[row['status']]}]{row['status']}[/]"
-        # rich would read brackets in a note as markup.
-        note = row["note"].replace("[", r"\[")
-        lines.append((row["name"], *(_said(row[key]) for key in numbers), row["unit"], status, note))
+        # rich would read brackets of names and notes as markup.
+        name, note = (row[key].replace("[", r"\[") for key in ("name", "note"))
+        lines.append((name, *(_said(row[key]) for key in numbers), row["unit"], status, note))
     screen = print_table(title, ("name", *numbers, "unit", "status", "note"), lines, numbers)
     counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in COLOURS)
     missed = len(aims_missed(rows))

@@ -221,6 +221,11 @@ def npz(path: Path) -> None:
     np.savez(path, force=FRAMES, time_ms=20 * np.arange(COUNT), note=np.array("left"))
 
 
+def npz_parts(path: Path) -> None:
+    stamps = np.array(STAMPS)
+    np.savez(path, force=FRAMES, sec=stamps // 10**9, nanosec=stamps % 10**9)
+
+
 def mat(path: Path) -> None:
     scipy.io.savemat(path, {"P": np.moveaxis(FRAMES, 0, 2), "t": TIME, "fs": 50.0}, do_compression=True)
 
@@ -509,6 +514,22 @@ CASES: dict[str, Case] = {
     "two equal stamps": csv(flat, {"time": STAMP_TWICE}, time_s=TWICE_S, says="the first of frame 8"),
     "lost frames": csv(None, {"": LATER_S}, options=BY_NUMBER, time_s=GAP_S, says="frames lost"),
     "a place without a taxel": npy(np.nan_to_num(SOME_255, nan=255.0), {"missing": 255.0}, values=SOME_255),
+    "a place without a taxel, in a unit that is scaled": Case(
+        table(lambda r, c: f"r{r}c{c} [mN]", {"time": seconds()}, frames=np.nan_to_num(SOME_255, nan=255.0)),
+        {"missing": 255.0},
+        SOME_255 * 1e-3,
+        unit="newtons",
+    ),
+    "two times that differ": csv(
+        flat, {"time_s": seconds(), "time_ms": seconds(3000.0)}, says="time_s and time_ms differ"
+    ),
+    "a unit of time that is not that of the name": csv(
+        flat,
+        {"time_ms": seconds(1e3)},
+        options=SIZE | {"time_unit": "s"},
+        time_s=TIME * 1e3,
+        says="--time-unit overrules",
+    ),
     "a name too high": csv(lambda r, c: flat(r, c).replace("23", "29"), options=RATE, asks="p0, not 23"),
     "a name twice": csv(lambda r, c: flat(r, c).replace("23", "3"), options=RATE, asks="p3 twice"),
     "left and right": csv(lambda r, c: f"{SIDES[r // 2]}_{r % 2 * COLS + c}", options=RATE, asks="--part"),
@@ -636,6 +657,7 @@ CASES: dict[str, Case] = {
         for shape in ((4, 4, 4), (4, 8, 32), (20, 2, 256), (3, 2, 4, 4), (16, 4))
     },
     "npz": Case(npz, SIZE, file="a.npz"),
+    "npz, parts of a second": Case(npz_parts, SIZE, asks="--time-key", file="a.npz"),
     "npz, by name": Case(npz, SIZE | {"key": "force"}, file="a.npz"),
     "npy, 256 columns": npy(WIDE.reshape(5, -1), WIDE_SIZE, values=WIDE, time_s=TIME[:5]),
     "MATLAB 5": Case(mat, file="a.mat"),
