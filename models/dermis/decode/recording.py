@@ -216,7 +216,9 @@ def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
     found = {}
     for name in names or [None]:
         with contextlib.suppress(InputError if layout.key is None else ()):  # an array of text
-            found[name] = npz_member(data, path.name, name)
+            array = npz_member(data, path.name, name, "iufM")
+            stamps = array.dtype.kind == "M"
+            found[name] = array.astype("datetime64[ns]").astype(np.int64) if stamps else array
     return found
 
 

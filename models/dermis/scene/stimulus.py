@@ -667,7 +667,7 @@ def npy_array(data: bytes, shown: str, kinds: str = "iuf") -> NDArray[Any]:
     return flat.reshape(shape, order="F" if fortran else "C")
 
 
-def npz_member(data: bytes, shown: str, key: str | None) -> NDArray[Any]:
+def npz_member(data: bytes, shown: str, key: str | None, kinds: str = "iuf") -> NDArray[Any]:
     # zipfile takes hundreds of bytes of memory for each entry of 46 bytes before it can be checked.
     if (entries := data.count(b"PK\x01\x02")) > NPZ_MEMBERS_MAX:
         raise InputError(shown, "members", entries, f"at most {NPZ_MEMBERS_MAX} arrays")
@@ -692,4 +692,4 @@ def npz_member(data: bytes, shown: str, key: str | None) -> NDArray[Any]:
     if len(unpacked) != member.file_size:
         said = f"the {member.file_size} bytes that its entry says"
         raise InputError(shown, key, f"{len(unpacked)} bytes or more unpacked", said)
-    return npy_array(unpacked, shown)
+    return npy_array(unpacked, shown, kinds)

@@ -221,6 +221,10 @@ def npz(path: Path) -> None:
     np.savez(path, force=FRAMES, time_ms=20 * np.arange(COUNT), note=np.array("left"))
 
 
+def npz_stamps(path: Path) -> None:
+    np.savez(path, force=FRAMES, time=np.array(STAMPS, dtype="datetime64[ns]"))
+
+
 def npz_parts(path: Path) -> None:
     stamps = np.array(STAMPS)
     np.savez(path, force=FRAMES, sec=stamps // 10**9, nanosec=stamps % 10**9)
@@ -657,6 +661,7 @@ CASES: dict[str, Case] = {
         for shape in ((4, 4, 4), (4, 8, 32), (20, 2, 256), (3, 2, 4, 4), (16, 4))
     },
     "npz": Case(npz, SIZE, file="a.npz"),
+    "npz, datetime64": Case(npz_stamps, SIZE, file="a.npz"),
     "npz, parts of a second": Case(npz_parts, SIZE, asks="--time-key", file="a.npz"),
     "npz, by name": Case(npz, SIZE | {"key": "force"}, file="a.npz"),
     "npy, 256 columns": npy(WIDE.reshape(5, -1), WIDE_SIZE, values=WIDE, time_s=TIME[:5]),
