@@ -184,6 +184,7 @@ TESTS = {
         (dict(period_s=math.inf), "clock"),
         (dict(clock={"dut.clk": 1e-6, "dut.clk_b": 1.2345678e-7}), "unit of time"),
         (dict(period_s=1 / 48e6), "unit of time"),
+        (dict(clock="dut.comp"), "a net that the circuit does not drive"),
     ):
         try:
             sim = cosim({"dut.dac": Drive("vd_a")}, **{"step_s": None} | options)

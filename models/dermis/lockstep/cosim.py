@@ -128,6 +128,8 @@ class Cosim:
                 raise self._wrong("period_s", None, f"the period of {clock} in seconds")
             clock = {clock: period_s}
         self._clocks = dict(clock or {})
+        if driven := [net for net in self._clocks if net in outputs]:
+            raise self._wrong("clock", driven[0], "a net that the circuit does not drive: it is in outputs")
         shortest = min(self._clocks.values(), default=math.inf)
         self._both_edges = both_edges
         self._step_s = shortest if step_s is None else step_s
