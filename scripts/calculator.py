@@ -458,9 +458,8 @@ def _judged(
 def print_answer(answer: Answer) -> None:
     sizing = [(n, v if isinstance(v, str) else f"{v:.6g}") for n, v in answer.values().items()]
     verdict.print_table("Design", ("value", ""), sizing, ("",))
-    heads = [head.replace("[", r"\[") for head in RANGE_COLUMNS]
     cells = [[f"{cell:.6g}" for cell in row] for row in answer.range_table()]
-    verdict.print_table("Over the range", heads, cells, heads)
+    verdict.print_table("Over the range", RANGE_COLUMNS, cells, RANGE_COLUMNS)
     verdict.print_rows(answer.rows, "Feasibility")
 
 

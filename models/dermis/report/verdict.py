@@ -12,8 +12,8 @@ from typing import Any
 
 from rich import box
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from dermis.files import write_atomic
 from dermis.places import BUILD
@@ -153,15 +153,18 @@ def in_words(row: Row) -> str:
 
 
 def print_table(
-    title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[str]
+    title: str, heads: Sequence[str], rows: Iterable[Sequence[str | Text]], numbers: Sequence[str]
 ) -> Console:
-    """Print a table whose columns `numbers` are aligned to the right; return its console."""
-    table = Table(title=escape(title) or None, box=box.SIMPLE_HEAD, title_justify="left")
+    """Print a table whose columns `numbers` are aligned to the right; return its console. Brackets are no markup."""
+    named = Text(title, style="table.title") if title else None
+    table = Table(title=named, box=box.SIMPLE_HEAD, title_justify="left")
     for heading in heads:
         number = heading in numbers
-        table.add_column(heading, justify="right" if number else "left", overflow="fold", no_wrap=number)
+        table.add_column(
+            Text(heading), justify="right" if number else "left", overflow="fold", no_wrap=number
+        )
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
     screen = console()
     screen.print(table)
     return screen
@@ -172,10 +175,8 @@ def print_rows(rows: Sequence[Row], title: str = "") -> None:
     numbers = ("value", "min", "max")
     lines = []
     for row in rows:
-        status = f"[{COLOURS[row['status']]}]{row['status']}[/]"
-        # rich would read brackets of names and notes as markup.
-        name, note = (row[key].replace("[", r"\[") for key in ("name", "note"))
-        lines.append((name, *(_said(row[key]) for key in numbers), row["unit"], status, note))
+        status = Text(row["status"], style=COLOURS[row["status"]])
+        lines.append((row["name"], *(_said(row[key]) for key in numbers), row["unit"], status, row["note"]))
     screen = print_table(title, ("name", *numbers, "unit", "status", "note"), lines, numbers)
     counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in COLOURS)
     missed = len(aims_missed(rows))
