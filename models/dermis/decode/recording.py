@@ -5,8 +5,10 @@ import contextlib
 import gzip
 import io
 import re
+import warnings
 import zipfile
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,14 +17,13 @@ import numpy as np
 
 from dermis.decode import recording_bag, recording_maker, recording_parquet
 from dermis.decode import recording_text as text
-from dermis.decode.recording_text import Found, Layout, warn
-from dermis.errors import InputError, counted, optional
+from dermis.decode.recording_text import TIME_UNITS, Found, Layout, warn
+from dermis.errors import InputError, counted, one_line, optional
 from dermis.ndarrays import Bools, Floats
 from dermis.scene.schema import read_bytes
 from dermis.scene.stimulus import FILE_BYTES_MAX, VALUES_MAX, npy_array, npz_member
 
 UNITS = ("codes", "newtons", "kpa", "ohm")
-TIME_UNITS = text.TIME_UNITS
 GAPS = ("keep", "refuse", "hold")
 """Values that are missing in some frames: kept as NaN, refused, or that of the frame before."""
 AXES = ("frames", "rows", "cols", "taxels")
@@ -116,6 +117,16 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
     time_s, source = _times(path, found, len(frames), layout)
     ignored = tuple(found.ignored)
     return Recording(frames, time_s, ~absent, source, found.unit, found.area_mm2, found.order, ignored)
+
+
+@contextlib.contextmanager
+def warned() -> Iterator[list[str]]:
+    """Collect the warnings of `load` in the block; the list has a line for each at its end."""
+    lines: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        yield lines
+    lines += [one_line(str(said.message), 400) for said in caught]
 
 
 def _unpacked(path: Path, data: bytes) -> bytes:

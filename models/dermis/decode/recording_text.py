@@ -100,7 +100,7 @@ class Layout:
     key : array of an npz, mat or HDF5 file; topic, or topic.field, of a bag.
     time_key : array of the times in such a file, or the name or number of the column of a text.
     skip : leading columns of a text that are no taxels.
-    time_unit, gaps : one of `recording.TIME_UNITS`, one of `recording.GAPS`.
+    time_unit, gaps : one of `TIME_UNITS`, one of `recording.GAPS`.
     rate_hz : frames a second; overrules times in the file; inf: no times are needed.
     missing : value of a place without a taxel; NaN counts as well.
     axes : names of `recording.AXES` in the order of an array, or the number of the part to take along an axis.
@@ -562,10 +562,10 @@ class Table:
     def _span(self, k: int) -> float | None:
         """Return the seconds from the first to the last time of the sample; None without a unit."""
         first, last = self.sample[0][k], self.sample[-1][k]
-        unit = TIME_UNITS.get(time_unit_of(self.names[k])) if is_number(first) else 1.0
-        if unit is None or not is_number(last, read := number_of if is_number(first) else seconds_of):
-            return None
-        return (read(last) - read(first)) * unit
+        read, unit = number_of, TIME_UNITS.get(time_unit_of(self.names[k]))
+        if not is_number(first):
+            read, unit = seconds_of, 1.0
+        return (read(last) - read(first)) * unit if unit and is_number(last, read) else None
 
     def _with_parts(self, k: int) -> list[int]:
         """Return the columns of a time: the date before its clock, or the part of a second after its whole seconds."""

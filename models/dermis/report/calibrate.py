@@ -2,7 +2,6 @@
 """`dermis calibrate`: measurements of a session into one calibration file."""
 
 import dataclasses
-import warnings
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +12,7 @@ from pydantic import Field
 
 from dermis.decode import calibration, identify, recording
 from dermis.decode.calibration import Calibration
-from dermis.errors import InputError, one_line
+from dermis.errors import InputError
 from dermis.report import output, verdict
 from dermis.report.read import chip_of
 from dermis.scene import scene as scenes
@@ -226,11 +225,10 @@ def calibrate_command(recordings: str, out: str | None, check: str | None) -> in
     if target.is_file() and not target.read_bytes().startswith(b"format = "):
         allowed = "a new file, or an earlier calibration to replace"
         raise InputError("command line", "--out", str(target), allowed)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", UserWarning)
+    with recording.warned() as notes:
         made, rows = session(path)
-    for said in caught:
-        click.echo(f"warning: {one_line(str(said.message), 400)}", err=True)
+    for said in notes:
+        click.echo(f"warning: {said}", err=True)
     if check is not None:
         old = calibration.load(check)
         old.check(made.rows, made.cols, check)

@@ -7,7 +7,6 @@ import json
 import re
 import shutil
 import tempfile
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -374,8 +373,7 @@ def read_command(
     that the simulated chip reads and decodes.
     """
     with output.place(BUILD / "read" / Path(file).stem if out is None else out) as target:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", UserWarning)
+        with recording.warned() as given:
             layout["header"] = {"yes": True, "no": False}.get(layout["header"])
             layout |= layout.pop("missing")
             rec = recording.load(file, recording.Layout(**layout))
@@ -385,8 +383,8 @@ def read_command(
             notes.append(said)
             click.echo(f"warning: {said}", err=True)
 
-        for said in caught:
-            note(one_line(str(said.message), 400))
+        for said in given:
+            note(said)
         said_area, area_mm2 = area_mm2 is not None, area_mm2 or rec.area_mm2
         if unit is None and rec.unit is None:
             said = f"unknown for values {np.nanmin(rec.values):g} .. {np.nanmax(rec.values):g}"
