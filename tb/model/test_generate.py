@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is generated from design.toml: up to date in the tree, right in content, and every drift caught."""
+"""Files generated from design.toml: up to date in the tree, right in content, and every drift caught."""
 
 import re
 import shutil
@@ -24,7 +24,7 @@ READ = ("models/design.toml", "models/spec.toml", "rtl/dermis_registers.rdl")
 
 @pytest.fixture(scope="module")
 def generated() -> dict[str, str]:
-    """What is generated from the tree, by path."""
+    """Return the generated content of the tree by path."""
     return generate.generate_all()
 
 

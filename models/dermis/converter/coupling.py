@@ -43,6 +43,11 @@ def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
     return between_columns(network, np.minimum(g_frames_s, G_ACROSS_S))
 
 
+def on_columns(g_frames_s: Floats) -> Floats:
+    """Return the conductance of all taxels on each column, [frames, 1, cols], with shorts as in `seen_from_grounds`."""
+    return np.minimum(g_frames_s, G_ACROSS_S).sum(axis=1, keepdims=True)
+
+
 class DutyRange(NamedTuple):
     """Range of duties in a gate, `low` and `high` [frames, rows, cols], and the next frame's conductances, or None."""
 

@@ -199,8 +199,8 @@ class Basis(NamedTuple):
 
 
 def _columns(plan: Plan, col: NDArray[np.intp]) -> tuple[Any, ...]:
-    """Of cells in these columns [n]: packets a clock for 1 A, largest current, offset current in packets a clock,
-    `squeeze`, `lag` and `most` of `charges`, [n] each.
+    """Return for cells in these columns [n]: packets a clock for 1 A, largest current in ampere, offset current in
+    packets a clock, and `squeeze`, `lag` and `most` of `charges`, [n] each.
     """
     c = plan.converter
     unit_a = c.k * c.i0_a

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a ripple does within a clock beyond its mean: a bound, since engine event uses means (converter.course)."""
+"""Bound of the error that engine event makes by taking the mean of a ripple over each clock (converter.course)."""
 
 import math
 

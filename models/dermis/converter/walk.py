@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dermis.array.array import column_currents
 from dermis.converter import course, noise, walk_loops
-from dermis.converter.coupling import G_ACROSS_S, Coupling, coupling
+from dermis.converter.coupling import Coupling, coupling, on_columns
 from dermis.converter.course import Slots
 from dermis.converter.vfc import W_PRESET, Converter
 from dermis.errors import SimulatorError
@@ -68,7 +68,7 @@ def count_frames(plan: Plan, part: slice, random: bool) -> tuple[NDArray[np.int6
     """Counts, mean duties and charges at the end of some frames, [frames, rows, cols] each."""
     g = plan.conductance_s(part)
     keys = noise.cell_keys(plan.seed, plan.first_frame + part.start, g.shape) if random else None
-    column_s = np.minimum(g, G_ACROSS_S).sum(axis=1, keepdims=True)
+    column_s = on_columns(g)
     if not plan.active_fields() & course.FIELDS:
         x = plan.converter.duty(column_currents(plan.network(0), g))
         coupled = coupling(plan, g, x)
@@ -133,9 +133,8 @@ def count(
 
 def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None = None) -> Cells:
     """Turn the converters of a plan into packets and clocks, for x and g [frames, rows, cols]."""
-    column_s = np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True)
     across_s = None if coupled is None else coupled.across_s
-    return _cells(plan.converter, x, _input_s(plan, plan.converter, column_s, across_s))
+    return _cells(plan.converter, x, _input_s(plan, plan.converter, on_columns(g_taxel_s), across_s))
 
 
 def _input_s(plan: Plan, converter: Converter, column_s: Floats, across_s: Floats | None) -> Floats | None:

@@ -19,7 +19,7 @@ from dermis import bounds
 from dermis.bounds import Bounding
 from dermis.converter import course, injection, noise, walk
 from dermis.converter import decide as loops
-from dermis.converter.coupling import G_ACROSS_S, couples
+from dermis.converter.coupling import couples, on_columns
 from dermis.converter.vfc import code_type
 from dermis.effects import EFFECTS
 from dermis.engines import Result, event
@@ -119,7 +119,7 @@ class _Part:
         self.active = plan.active_fields()
         self.random = bool(self.active & walk.RANDOM)
         self.slow_mirror = "q_mirror_c" in self.active
-        self.g_column_s = np.minimum(self.g, G_ACROSS_S).sum(axis=1)
+        self.g_column_s = on_columns(self.g)[:, 0]
         self.seed, self.first = np.uint64(plan.seed), plan.first_frame + part.start
         self._solve(np.broadcast_to(apart_lsb, plan.cols).astype(float))
 
@@ -139,8 +139,7 @@ class _Part:
             side = 2.0 * rows * network.g_lateral_row_s
             most_s = self.g_column_s
             if drive.motion:
-                later = np.minimum(plan.next_conductance_s(self.part), G_ACROSS_S).sum(axis=1)
-                most_s = np.maximum(most_s, later)
+                most_s = np.maximum(most_s, on_columns(plan.next_conductance_s(self.part))[:, 0])
             amperes = np.abs(network.i_leak_a).sum() + _largest_v(plan) * (most_s + side)
             idle = amperes * np.abs(c.gain) / (c.k * c.i0_a)
             if drive.motion:

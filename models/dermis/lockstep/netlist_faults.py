@@ -15,6 +15,8 @@ _ANALYSES = r"\.(ac|dc|op|tran|noise|disto|pz|sens|tf|sp|pss|four|meas\w*)\b"
 _WATCHED = re.compile(rf"[viatoyp]|\.(control|subckt|ends|if|endif|inc|lib)|{_ANALYSES}", re.IGNORECASE)
 _BREAKS = re.compile(r"[atoyp]|\.lib|[vi].*[\s=](pulse|pwl|exp|pat|trnoise|trrandom)\b", re.IGNORECASE)
 """Cards of sources with corners, delayed lines, digital events, and files that are not read here."""
+_ELEMENTS = re.compile(r"\s*([a-z]|\.inc|\.lib)", re.IGNORECASE)
+"""An element, or a file that may have one."""
 _INCLUDES = 10
 """Depth of files in files that is followed; ngspice ends a circle itself."""
 
@@ -34,7 +36,7 @@ def refuse(lines: Sequence[str]) -> None:
 
     The first of the `lines` is the title. Files of `.include` are read as well, those of `.lib` not.
     """
-    if not re.search(r"^[ \t]*([a-z]|\.inc|\.lib)", "\n".join(lines[1:]), re.IGNORECASE | re.MULTILINE):
+    if not any(_ELEMENTS.match(line) for line in lines[1:]):
         raise InputError("netlist", "elements", 0, "at least one, after the line of the title")
     across: dict[frozenset[str], str] = {}
     opened: list[tuple[str, str, str]] = []

@@ -107,7 +107,7 @@ class Child(subprocess.Popen[bytes]):
 
 
 class _OfThread(threading.local):
-    """What children of a thread inherit, and events that end them."""
+    """Open files that children of a thread inherit, and the events that end these children."""
 
     handles: tuple[int, ...] = ()
     ends: tuple[threading.Event, ...] = ()

@@ -199,7 +199,7 @@ class Job:
 
 
 class Frame(NamedTuple):
-    """What a job leaves; times are from the first instant of the circuit to its last."""
+    """Result of a job; times are from the first instant of the circuit to its last."""
 
     codes: NDArray[Any]
     seconds: float
