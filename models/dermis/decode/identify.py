@@ -149,8 +149,10 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     good = [load for load in loads if load.name not in bad]
     bad_taxels = _bad_taxels(calibration, good)
     own = fit.calibration.own if len(fit.calibration.own) < fit.calibration.factor.size / 2 else ()
-    # Now that the wrong loads are out, neighbouring forces tell the droop of a load from its force.
-    fit, _ = _fit_loads(calibration, good, kind, own, LEVELS)
+    forces = np.unique([load.force_n for load in good])
+    if bad or fit.calibration.own or forces.size > LEVELS:  # else it is this fit once more
+        # Now that the wrong loads are out, neighbouring forces tell the droop of a load from its force.
+        fit, _ = _fit_loads(calibration, good, kind, own, LEVELS)
     notes = [f"load {name} was left out: it contradicts the others" for name in bad]
     notes += [f"{name}: {remark}" for name, remark in fit.remarks.items()]
     notes += [f"taxel {r} {c} {reason}" for (r, c), reason in bad_taxels.items()]

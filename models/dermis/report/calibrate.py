@@ -84,6 +84,9 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     """
     table = validate(SessionTable, read_toml(path), path)
     rows, cols = table.array.rows, table.array.cols
+    for n, ref in enumerate(table.reference):
+        if ref.row >= rows or ref.col >= cols:
+            raise InputError(path, f"reference.{n}", f"{ref.row}, {ref.col}", f"a taxel of {rows} x {cols}")
     scene = table.start.scene
     if scene is not None and (path.parent / scene).is_file():
         scene = str(path.parent / scene)
@@ -185,9 +188,7 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     if not said:
         raise InputError(path, "measurements", "none", "[[current]], [[load]] or [[cycle]] tables")
     places = []
-    for n, ref in enumerate(table.reference):
-        if ref.row >= rows or ref.col >= cols:
-            raise InputError(path, f"reference.{n}", f"{ref.row}, {ref.col}", f"a taxel of {rows} x {cols}")
+    for ref in table.reference:
         conductance_s = made.law_of(ref.row, ref.col).conductance_s(ref.force_n)
         places.append((ref.row, ref.col, float(conductance_s * made.factor[ref.row, ref.col])))
     return dataclasses.replace(made, reference=tuple(places)), said
@@ -225,12 +226,12 @@ def calibrate_command(recordings: str, out: str | None, check: str | None) -> in
     if target.is_file() and not target.read_bytes().startswith(b"format = "):
         allowed = "a new file, or an earlier calibration to replace"
         raise InputError("command line", "--out", str(target), allowed)
+    old = None if check is None else calibration.load(check)
     with recording.warned() as notes:
         made, rows = session(path)
     for said in notes:
         click.echo(f"warning: {said}", err=True)
-    if check is not None:
-        old = calibration.load(check)
+    if old is not None:
         old.check(made.rows, made.cols, check)
         rows += drift_rows(made, old)
     output.prepare(target.parent)
