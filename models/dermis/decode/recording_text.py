@@ -51,6 +51,8 @@ _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 STAMP = re.compile(NUMBER + r"\s*(m?s)(ec\w*)?\b")
 """Seconds or milliseconds in the label of a frame."""
 CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
+_WHOLE_S = re.compile(r"\d{1,12}|(.*[ T])?\d{1,2}:\d\d:\d\d(\s*[AP]M)?", re.IGNORECASE)
+"""A number, or a clock with or without a date, that may have the part of a second in another column."""
 _DATE = re.compile(r"\d{4}[-/]\d\d[-/]\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}-[A-Za-z]{3}-\d{4}")
 """A date in a column beside that of the clock."""
 _DATED = re.compile(r"\d{1,4}[-/. ]\w{1,3}[-/. ]\d{1,4}|[A-Za-z]{3,9} \d{1,2}(,? \d{4})?")
@@ -568,24 +570,24 @@ class Table:
         return (read(last) - read(first)) * unit if unit and is_number(last, read) else None
 
     def _with_parts(self, k: int) -> list[int]:
-        """Return the columns of a time: the date before its clock, or the part of a second after its whole seconds."""
-        cells, others = [row[k] for row in self.sample], range(self.width)
+        """Return the columns of a time: a date before its clock, and the part of a second after whole ones."""
+        cells, others = [row[k] for row in self.sample], [j for j in range(self.width) if j != k]
+        date: list[int] = []
         if all(re.fullmatch(CLOCK.pattern + r"(\s*[APap][Mm])?", cell) for cell in cells):
-            for j in others:
-                if all(_DATE.fullmatch(row[j]) for row in self.sample):
-                    return [j, k]
-                if all(_DATED.fullmatch(row[j]) for row in self.sample) and self.layout.rate_hz is None:
-                    allowed = "a date as 2024-03-04, or --time-key, or --rate"
-                    raise self._ask(f"column {j}", quoted(self.sample[0][j]), allowed)
-        if self.names and all(re.fullmatch(r"\d+|\d{1,2}:\d\d:\d\d", cell) for cell in cells):
+            date = [j for j in others if all(_DATE.fullmatch(row[j]) for row in self.sample)][:1]
+            unclear = (j for j in others if all(_DATED.fullmatch(row[j]) for row in self.sample))
+            if not date and self.layout.rate_hz is None and (j := next(unclear, None)) is not None:
+                allowed = "a date as 2024-03-04, or --time-key, or --rate"
+                raise self._ask(f"column {j}", quoted(self.sample[0][j]), allowed)
+        if self.names and all(_WHOLE_S.fullmatch(cell) for cell in cells):
             for j in others:
                 # stamp.sec and stamp.nanosec, secs and nsecs, s and us, or ms beside any.
                 parts = [row[j] for row in self.sample]
-                if is_part_of(self.names[j], self.names[k]) and j != k:
+                if is_part_of(self.names[j], self.names[k]):
                     per_s = PER_SECOND[_unit_in(self.names[j])[1]]
                     if all(re.fullmatch(r"\d{1,9}", p) and int(p) < per_s for p in parts):
-                        return [k, j]
-        return [k]
+                        return [*date, k, j]
+        return [*date, k]
 
     def _by_names(self, chosen: list[int] | None, keys: list[int]):
         """Return order, columns by place (None: no taxel), shape or None, and True if a line is a frame."""
@@ -771,14 +773,16 @@ class Table:
             if (dates := _by_day(cells)) is None:
                 allowed = "a date as 2024-03-04: day or month may be first; or --time-key, or --rate"
                 raise self._ask("date", quoted(cells[0]), allowed)
-            cells = [" ".join(pair) for pair in zip(dates, *fine, strict=True)]
-        elif fine:
-            per_s = PER_SECOND[(self.names and _unit_in(self.names[keys[1]])[1]) or "ns"]
-            if not all(re.fullmatch(r"(\d{1,12}|\d+:\d\d:\d\d) \d{1,9}", " ".join(row)) for row in moments):
+            clocks, *fine = fine
+            cells = [" ".join(pair) for pair in zip(dates, clocks, strict=True)]
+        if fine:
+            per_s = PER_SECOND[(self.names and _unit_in(self.names[keys[-1]])[1]) or "ns"]
+            pairs = list(zip(cells, fine[0], strict=True))
+            if not all(_WHOLE_S.fullmatch(s) and re.fullmatch(r"\d{1,9}", part) for s, part in pairs):
                 raise self._ask("time", " ".join(moments[0]), "whole seconds and a part, or --time-key")
             if max(map(int, fine[0])) >= per_s:
-                raise self._ask(self.names[keys[1]], max(fine[0]), f"below {per_s}, or --time-key")
-            ticks = [int(s if s.isdigit() else seconds_of(s)) * per_s + int(part) for s, part in moments]
+                raise self._ask(self.names[keys[-1]], max(fine[0]), f"below {per_s}, or --time-key")
+            ticks = [int(s if s.isdigit() else seconds_of(s)) * per_s + int(part) for s, part in pairs]
             found.time = past_midnight(np.array([t - ticks[0] for t in ticks], dtype=float) / per_s)
             found.time_unit = "s"
             return

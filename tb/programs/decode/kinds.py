@@ -407,6 +407,12 @@ ROS = {"%time": list(map(str, STAMPS)), "field.header.seq": INDEX[""]}
 ROS["field.header.frame_id"] = ["palm"] * COUNT
 WORDS = {"hand": ["left"] * COUNT, "place": ["palm"] * COUNT}
 PAIR = {"stamp.sec": [str(s // 10**9) for s in STAMPS], "stamp.nanosec": [str(s % 10**9) for s in STAMPS]}
+LATE_MS = [900 + 20 * n for n in range(COUNT)]
+AT_NIGHT = [("25/03/24", "23:59:59") if ms < 1000 else ("26/03/24", "00:00:00") for ms in LATE_MS]
+DATE_CLOCK_MS = dict(zip(("Date", "Time"), zip(*AT_NIGHT, strict=True), strict=True))
+DATE_CLOCK_MS["ms"] = [str(ms % 1000) for ms in LATE_MS]
+CLOCK_MS = {"timestamp": [f"2024-03-04 10:00:{ms // 1000:02d}" for ms in LATE_MS]}
+CLOCK_MS["ms"] = DATE_CLOCK_MS["ms"]
 WRAPPED = {"time_us": [str((2**32 - 50_000 + 20_000 * n) % 2**32) for n in range(COUNT)]}
 LIST = "".join(f'{t:.2f},"[{", ".join(cells(f.ravel()))}]"\n' for t, f in zip(TIME, FRAMES, strict=True))
 QUOTED = table(flat, {"time": seconds()}, mark='","').strip().replace("\n", '"\n"')
@@ -594,6 +600,8 @@ CASES: dict[str, Case] = {
     "time in us": csv(flat, {"time_us": seconds(1e6)}),
     "stamps in ns": csv(flat, {"timestamp": list(map(str, STAMPS))}),
     "sec and nanosec": csv(flat, PAIR, options=SIZE),
+    "date, clock and ms": csv(flat, DATE_CLOCK_MS, options=SIZE),
+    "date with clock, and ms": csv(flat, CLOCK_MS, options=SIZE),
     "sec and nanosec without names": csv(None, PAIR, options=SIZE),
     "a column of time by number": csv(None, {"": seconds()}, options=SIZE | {"time_key": "0"}),
     "a counter that wraps": csv(flat, WRAPPED, says="2^32"),
