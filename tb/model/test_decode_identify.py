@@ -3,6 +3,8 @@
 
 import dataclasses
 import functools
+import re
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -181,6 +183,63 @@ def test_loads_that_contradict_each_other_are_refused() -> None:
         identify.fit_sheet(fitted(), wrong, "linear")
     with pytest.raises(identify.ContradictionError, match="at least 3"):
         identify.fit_sheet(fitted(), loads()[:2], "linear")
+
+
+@pytest.mark.parametrize("count", [3, 8])
+def test_plates_on_an_ideal_sheet_give_a_calibration(count: int) -> None:
+    """Uniform loads show no lateral: its bound before they are read is what is known of it."""
+    ideal = Skin(array={"rows": SIZE, "cols": SIZE})
+    known = Calibration.of_plan(ideal.plan)
+    force = np.full((count, SIZE, SIZE), 1.0) * np.linspace(1.0, 10.0, count)[:, None, None]
+    fit = identify.fit_sheet(known, weights(force, ideal.read(force)), "linear")
+    force = np.random.default_rng(8).uniform(1, 12, (10, SIZE, SIZE))
+    assert Decoder(fit.calibration, 2e-3).decode(ideal.read(force)).holds(force).mean() >= 0.999
+
+
+@pytest.mark.parametrize("pair", [(2, 9), (0, 1), (5, 12)])
+def test_two_loads_that_are_swapped_are_named_or_refused(pair: tuple[int, int]) -> None:
+    made = list(loads())
+    for here, there in (pair, pair[::-1]):
+        made[here] = dataclasses.replace(made[here], force_n=loads()[there].force_n)
+    try:
+        fit = identify.fit_sheet(fitted(), made, "linear")
+        said = str((fit.bad, fit.elsewhere))
+    except identify.ContradictionError as error:
+        said = str(error)
+    assert all(f"weight {n}" in said for n in pair)
+
+
+def test_test_currents_off_a_straight_line_are_refused() -> None:
+    current, codes = session.currents(Calibration.of_plan(skin().plan), 9)
+    current[[3, 6]] = current[[6, 3]]
+    with pytest.raises(identify.ContradictionError, match="off a straight line"):
+        identify.fit_chip(blank(), codes, current)
+
+
+@pytest.mark.parametrize(
+    ("found", "put", "said"),
+    [
+        (r"current_a = (\S+)", lambda m: f"current_a = {1e3 * float(m[1])}", "A a code: amperes"),
+        (r"\[\[current\]\]\n.*\n.*\n", lambda m: "", "at least two test currents"),
+    ],
+    ids=["in milliamperes", "none"],
+)
+def test_a_session_of_the_chip_needs_its_test_currents_in_ampere(
+    tmp_path: Path, found: str, put: Callable[[re.Match[str]], str], said: str
+) -> None:
+    path = write_session(tmp_path)
+    path.write_text(re.sub(found, put, path.read_text()))
+    with pytest.raises(InputError, match=said):
+        run(path)
+
+
+def test_grams_in_place_of_newtons_are_noticed(tmp_path: Path) -> None:
+    path = write_session(tmp_path)
+    for n, load in enumerate(loads()):
+        np.save(tmp_path / f"force_{n}.npy", load.force_n * 102.0)
+    status, said = run(path, "--out", tmp_path / "sheet.toml")
+    assert status == 1
+    assert re.search(r"sensitivity_ratio .* FAIL", said)
 
 
 def test_one_cycle_tells_hysteresis_and_creep() -> None:

@@ -23,6 +23,9 @@ NETWORK_START = {
     "r_trace_column_ohm": 0.05,
 }  # fmt: skip
 """Parameters of the network that loads can identify, and the start of the search."""
+NETWORK_PRIOR = 100.0
+"""Standard deviation of these parameters before loads are read, in units of that start: what loads do not show has no
+value beyond any sheet."""
 OFFSET_PRIOR_V = 5e-4
 """Standard deviation of the offset voltage of a column before loads are read; the design allows 0.2 mV."""
 TRACES = ("r_trace_row_ohm", "r_trace_column_ohm")
@@ -49,6 +52,12 @@ BAD_LOAD = 5.0
 """A load is bad if its rms residual is this many times the median of all loads."""
 RESIDUAL_MIN = 1 / np.sqrt(12) / 50
 """Relative rms residual that every load may have: rounding of a reading of 50 codes."""
+CONDUCTANCES_S = 1e-9, crosstalk.SHORT_S
+"""Conductances that a taxel may have."""
+HALVINGS = 60
+"""From a network in which the readings are impossible back to the fit."""
+CURRENTS_OFF = 0.03
+"""Share of the full scale by which readings of test currents may differ from a straight line: any mismatch is less."""
 SHARE_BAD = 0.34
 """Share of bad loads from which on no fit can tell the good from the bad."""
 
@@ -86,7 +95,10 @@ def fit_chip(calibration: Calibration, codes: ArrayLike, current_a: ArrayLike) -
         if slope <= 0:
             raise ContradictionError(f"codes of column {c} fall with the test current")
         # Rounding of a steady current does not average out: 1/sqrt(12) of a code for each.
-        sigma = max(1 / np.sqrt(12), float(np.std(mean[used] - matrix @ [start[c], slope])))
+        off = float(np.std(mean[used] - matrix @ [start[c], slope]))
+        if off > CURRENTS_OFF * calibration.code_max:
+            raise ContradictionError(f"test currents of column {c} are {off:.3g} codes off a straight line")
+        sigma = max(1 / np.sqrt(12), off)
         covariance = sigma**2 * np.linalg.inv(matrix.T @ matrix)
         step[c], step_part[c] = 1 / slope, np.sqrt(covariance[1, 1]) / slope
         start_sigma[c] = np.sqrt(covariance[0, 0])
@@ -238,12 +250,16 @@ def _fit_network(
         return values
 
     def search(names: list[str], first: Floats) -> tuple[Floats, Floats, float]:
-        """Return parameters, their Jacobian and the variance of a residual; parameters after `names` are offsets."""
+        """Return parameters, their Jacobian and the variance of a residual; parameters after `names` are offsets.
+
+        The last rows of the Jacobian are those of what is known before, one a parameter.
+        """
+        prior = np.where(np.arange(first.size) < len(names), NETWORK_PRIOR, 1.0)
 
         def residual(x: Floats) -> Floats:
             network = dataclasses.replace(known, **fields(names, x))
             solved = _conductances(calibration, network, currents)
-            return np.r_[residual_of(solved), x[len(names) :] - 1]
+            return np.r_[residual_of(solved), (x - 1) / prior]
 
         # x - 1 is relative to the start value, so that a step of differences is never 0.
         low = np.where(np.arange(first.size) < len(names), 1.0, -199.0)
@@ -264,6 +280,7 @@ def _fit_network(
     first = dict(zip(plain, x, strict=False)) | dict.fromkeys(TRACES, 1.1)
     while True:
         x, jac, spread = search(names, np.array([first[n] for n in names]))
+        jac = jac[: -x.size]  # what the loads alone tell
         first = dict(zip(names, x, strict=True))
         length = np.maximum(np.linalg.norm(jac, axis=0), 1e-30)
         # Two parameters with one effect make a singular matrix, up to rounding: the ridge gives them a large sigma.
@@ -295,7 +312,7 @@ def _fit_network(
     x, jac, spread = search(names, np.r_[[first[n] for n in names], offsets])
     size = len(names)
     # Blind parameters, as above, have no mode.
-    blind = np.linalg.norm(jac[:, :size], axis=0) < 1e-3
+    blind = np.linalg.norm(jac[: -x.size, :size], axis=0) < 1e-3
     jac[:, :size][:, blind] = 0.0
     covariance = np.linalg.pinv(jac.T @ jac) * max(spread, 1.0)
     for k, name in enumerate(names):
@@ -352,8 +369,11 @@ def _fit_loads(
     basis = left[:, size > 1e-9 * size[0]]
     currents = calibration.step_a * (codes - calibration.start_code)
 
+    def logs(g: Floats) -> Floats:
+        return np.log(np.clip(g[used], *CONDUCTANCES_S))
+
     def residual(g: Floats) -> Floats:
-        r = weight * np.log(np.clip(g[used], 1e-9, crosstalk.SHORT_S))
+        r = weight * logs(g)
         return r - basis @ (basis.T @ r)
 
     fitted = _fit_network(calibration, currents, residual, int(used.sum()) - basis.shape[1])
@@ -361,7 +381,7 @@ def _fit_loads(
     def taxels(network: Network) -> tuple[Floats, Floats, Floats]:
         """Return conductances, effects of taxels and factors [rows x cols] with a network."""
         g = _conductances(calibration, network, currents)
-        solution = np.linalg.lstsq(weight[:, None] * matrix, weight * np.log(g[used]), rcond=None)[0]
+        solution = np.linalg.lstsq(weight[:, None] * matrix, weight * logs(g), rcond=None)[0]
         factor = np.ones(codes[0].size)
         factor[names] = np.exp(solution[: names.size] - solution[: names.size].mean())
         return g, solution[: names.size], factor
@@ -369,9 +389,14 @@ def _fit_loads(
     g, effect, factor = taxels(fitted.network)
     modes = []
     for mode in fitted.modes:
-        g_off, _, factor_off = taxels(dataclasses.replace(fitted.network, **mode))
+        for _ in range(HALVINGS):
+            g_off, _, factor_off = taxels(dataclasses.replace(fitted.network, **mode))
+            if (np.clip(g_off[used], *CONDUCTANCES_S) == g_off[used]).all():
+                break
+            # So far from the fit no taxel would read what it reads: the network is nearer.
+            mode = {name: 0.5 * (off + getattr(fitted.network, name)) for name, off in mode.items()}
         # The forces are the same, so the law keeps its level.
-        level = np.exp(np.mean(np.log(g_off[used] / factor_off[taxel]) - np.log(g[used] / factor[taxel])))
+        level = np.exp(np.mean(logs(g_off) - np.log(factor_off[taxel]) - logs(g) + np.log(factor[taxel])))
         modes.append(Mode(mode, (factor_off * level / factor - 1).reshape(codes[0].shape)))
     count = np.bincount(at)
     part = np.full(factor.size, float(np.std(effect)))
@@ -379,7 +404,7 @@ def _fit_loads(
     rms = float(np.sqrt(np.mean(off**2)))
     part[names] = np.sqrt(np.bincount(at, off**2) / np.maximum(count - 1, 1)) / np.sqrt(count)
     part = np.maximum(part, rms / np.sqrt(count.max()))
-    by_law = g[used] / factor[taxel]
+    by_law = np.exp(logs(g)) / factor[taxel]
     alike = ~np.isin(taxel, odd_taxels)
     try:
         curve = _robust_law(kind, by_law[alike], force[used][alike], which[alike])

@@ -22,10 +22,13 @@ DRIFT_SIGMA = 4.0
 """Standard uncertainties by which a column's gain may differ from the older calibration ..."""
 DRIFT_MIN = 0.005
 """... and the relative difference that is a drift in any case: 1.3 codes at full scale."""
+STEP = 2.0
+"""Ratio of the current of a code to that of the design from which on the test currents have another unit."""
 STEADY = 1.25
 """Ratio of the sums of two frames up to which a load is steady: it creeps by some per cent."""
-SENSITIVITY = 0.1, 10.0
-"""Conductance at a force over that by the scene's own sensor: beyond lie g, kPa, or a weight on each taxel."""
+SENSITIVITY = {True: (0.1, 10.0), False: (0.02, 50.0)}
+"""Conductance at a force over that by the sensor of the scene, or by the default one: beyond lie g, kPa, or a weight on
+each taxel."""
 MISPLACED_MAX = 0.05
 """Share of pressed readings that may be pressed without a force, or the reverse: the edge of a load is not sharp."""
 
@@ -90,9 +93,13 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     scene = table.start.scene
     if scene is not None and (path.parent / scene).is_file():
         scene = str(path.parent / scene)
-    made = Calibration.of_plan(chip_of(rows, cols, scene))
+    plan = chip_of(rows, cols, scene)
+    made = Calibration.of_plan(plan)
     start, stated = made.curve, scene is not None and "sensor" in read_toml(scenes.find(scene))
     said: list[verdict.Row] = []
+    if not table.current and (table.load or table.cycle) and plan.front_end is None:
+        allowed = "at least two test currents, or the scene of a board with [front_end] in [start]"
+        raise InputError(path, "current", "none", allowed)
 
     def frames(name: str, key: str, unit: str = "codes") -> NDArray[Any]:
         layout = recording.Layout(rows, cols, rate_hz=np.inf, gaps="refuse")
@@ -101,6 +108,8 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             found = read.values
         except InputError as error:
             allowed = f"a file to read ({error.key} = {error.value}: {error.allowed})"
+            if error.key == "shape":
+                allowed = f"frames of {rows} x {cols}, as [array] says; its shape is {error.value}"
             raise InputError(path, key, name, allowed) from None
         if read.unit not in (None, unit):
             raise InputError(path, key, f"{name} in {read.unit}", unit)
@@ -125,7 +134,12 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             readings = [read.reshape(-1, cols) for read in measured]
             least = min(len(r) for r in readings)
             currents = np.array([r[:least] for r in readings])
+            nominal_a = float(made.step_a.mean())
             made = identify.fit_chip(made, currents, [c.current_a for c in table.current])
+            step_a = float(made.step_a.mean())
+            if not 1.0 / STEP < step_a / nominal_a < STEP:
+                allowed = f"amperes into every column: a code of this chip is about {nominal_a:.3g} A"
+                raise InputError(path, "current", f"{step_a:.3g} A a code", allowed)
             noise = identify.fit_noise(currents.swapaxes(0, 1)) if least > 1 else 0.0
             made = dataclasses.replace(made, noise_code=noise)
             value("step_a", (float(made.step_a.mean()), float((made.step_part * made.step_a).mean())), "A")
@@ -161,9 +175,11 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             force = float(np.median(np.concatenate([one.force_n[one.force_n > 0] for one in loads])))
             ratio = float(made.curve.conductance_s(force) / start.conductance_s(force))
             remark = f"conductance at {force:.3g} N over that of the scene: "
-            remark += "units, a weight for each taxel, or another [sensor]?"
-            limits = SENSITIVITY if stated else (None, None)
-            said.append(verdict.within("calibrate.sensitivity_ratio", ratio, "1", *limits, remark))
+            remark += "units, a weight for each taxel, or another [sensor] than "
+            remark += "its own?" if stated else "the default? [start] scene has that of the sheet"
+            said.append(
+                verdict.within("calibrate.sensitivity_ratio", ratio, "1", *SENSITIVITY[stated], remark)
+            )
             own = [f"{r} {c}" for r, c in made.own]
             note("own_laws", len(own), "taxels", ", ".join(own[:8]) + (" ..." if len(own) > 8 else ""))
             odd = "; ".join(f"{r} {c} {reason}" for (r, c), reason in list(fit.bad_taxels.items())[:8])
