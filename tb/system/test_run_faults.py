@@ -2,6 +2,7 @@
 """Disturbed runs: the judge of `make faults` notices faults, and commands end cleanly when disturbed."""
 
 import itertools
+import json
 import os
 import signal
 import sys
@@ -187,6 +188,11 @@ def test_a_run_killed_at_any_rename_leaves_the_old_results_or_the_next_one_finds
         assert not (out / "waves.vcd").exists()
     assert (out / "notes.txt").exists() == (not new)
     assert not list(tmp_path.rglob(".*"))
+
+
+def test_a_number_that_is_not_finite_is_null_in_every_summary() -> None:
+    data = {"a": [1.5, np.inf, -np.inf, np.nan], "b": ({"c": np.float64(np.inf)}, "inf", None)}
+    assert json.loads(files.json_of(data)) == {"a": [1.5, None, None, None], "b": [{"c": None}, "inf", None]}
 
 
 def test_what_another_run_is_writing_is_not_tidied_away(tmp_path: Path) -> None:

@@ -3,8 +3,6 @@
 
 import importlib.metadata
 import io
-import json
-import math
 import os
 import platform
 import re
@@ -23,7 +21,7 @@ from numpy.typing import NDArray
 from dermis.decode.force import decode
 from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
-from dermis.files import locked
+from dermis.files import json_of, locked
 from dermis.processes import children
 from dermis.records import Plan
 from dermis.report.verdict import Row
@@ -217,7 +215,7 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         "effects": [e._asdict() for e in plan.effects],
         "seed": plan.seed,
         "decoded": {
-            "total_force_n": [f if math.isfinite(f) else None for f in total_n.tolist()],
+            "total_force_n": total_n.tolist(),
             "taxels_at_zero": int(decoded.zero.sum()),
             "taxels_at_full_scale": int(decoded.saturated.sum()),
         },
@@ -249,7 +247,7 @@ def write(
     files: dict[str, bytes] = {
         "codes.npy": npy_bytes(result.codes),
         "codes.csv": csv_of(result.codes).encode(),
-        "summary.json": (json.dumps(summary(plan, result, rows), indent=1, allow_nan=False) + "\n").encode(),
+        "summary.json": json_of(summary(plan, result, rows)).encode(),
         "resolved.toml": plan.resolved_toml(out).encode(),
     }
     with _writing(out):
