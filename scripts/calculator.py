@@ -19,6 +19,7 @@ import click
 import tomlkit
 from pydantic import BaseModel
 
+from dermis.chip import hdl
 from dermis.converter import vfc
 from dermis.errors import InputError
 from dermis.files import write_atomic
@@ -402,6 +403,8 @@ def _judged(
         note += f"; f_clk_hz = {_at_least(needed / slot_s):g} would do"
         note += f", or {held[-1]} bits" if held else ""
     row("gate_margin_clocks", left, note, {"frame_s": _at_least(answer.array_rows * needed / f_clk)})
+    beyond, nearer = _beyond_the_chip(answer, usable)
+    row("beyond_the_chip", len(beyond), "; ".join(beyond) or "what the Verilog is made for", nearer)
     settle_min = limit("settle_s")
     if targets.f_clk_hz is not None:
         # Whole clocks, so that rounding a slot down cannot remove the last one.
@@ -453,6 +456,33 @@ def _judged(
     row("kt_c_lsb", noise, f"{noise * packet:.3g} C on a packet of {packet:.3g} C", quiet)
 
     return dataclasses.replace(answer, rows=tuple(rows), nearest=nearest)
+
+
+def _beyond_the_chip(answer: Answer, usable: Fraction) -> tuple[list[str], Changes]:
+    """Return what dermis_top is not made for, and the nearest targets that it is made for."""
+    targets, break_clocks = answer.targets, answer.base.timing.break_clocks
+    sizes = answer.array_rows, answer.array_cols, answer.bits, answer.gate_clocks, answer.settle_clocks
+    beyond = [
+        (key.partition(".")[2], f"{key} = {value}: {allowed}")
+        for key, value, allowed in hdl.chip_limits(*sizes, break_clocks)
+        # A gate that does not fit into its slot has a row of its own.
+        if answer.settle_clocks >= break_clocks + 2 or key != "timing.settle_clocks"
+    ]
+    missed, gate = dict(beyond), answer.gate_clocks
+    cols = min(answer.array_cols, hdl.SIDE_MAX)
+    changes: Changes = {name: hdl.SIDE_MAX for name in ("rows", "cols") if name in missed}
+    if "gate_clocks" in missed and targets.gate_clocks is not None:
+        gate = changes["gate_clocks"] = min(max(gate, hdl.gate_min(cols, answer.bits)), hdl.WORD_MAX)
+    elif "gate_clocks" in missed:
+        gates = {bits: math.ceil((2**bits - 1) / usable) for bits in range(1, 17)}
+        fitting = [b for b, clocks in gates.items() if hdl.gate_min(cols, b) <= clocks <= hdl.WORD_MAX]
+        changes["bits"] = min(fitting, key=lambda bits: abs(bits - answer.bits), default=None)
+        gate = gates.get(changes["bits"], gate)
+    if "settle_clocks" in missed and targets.f_clk_hz is not None:
+        changes["frame_s"] = _at_most(answer.array_rows * (gate + hdl.WORD_MAX) / answer.f_clk_hz)
+    elif "settle_clocks" in missed:
+        changes["settle_fraction"] = _at_most(Fraction(hdl.WORD_MAX, gate + hdl.WORD_MAX))
+    return list(missed.values()), changes
 
 
 def print_answer(answer: Answer) -> None:

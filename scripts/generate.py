@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from dermis.chip import sky130
+from dermis.chip import hdl, sky130
 from dermis.chip.spice_text import array_subckt
 from dermis.errors import InputError
 from dermis.files import between, write_atomic
@@ -113,7 +113,11 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
     Only the tables of a page and the clock period of a constraint file are generated; the rest of
     these is kept.
     """
-    design = design_module.load(root / "models" / "design.toml")
+    design = design_module.load(file := root / "models" / "design.toml")
+    timing, sizes = design.timing, (design.array.rows, design.array.cols)
+    clocks = timing.gate_clocks, timing.settle_clocks, timing.break_clocks
+    for key, value, allowed in hdl.chip_limits(*sizes, timing.code_bits, *clocks):
+        raise InputError(file, key, value, allowed)
     period_ns = float(10**9 / exact(design.converter.f_clk_hz))
     rows, cols = design.array.rows, design.array.cols
     lateral = array_subckt(rows, cols, lateral_ohm="parameter", name="array_lateral", design=design)

@@ -42,6 +42,19 @@ def test_the_tree_is_up_to_date(generated: dict[str, str]) -> None:
     assert {path: (dd.ROOT / path).read_text(encoding="utf-8") for path in generated} == generated
 
 
+@pytest.mark.paper
+@pytest.mark.parametrize(
+    ("key", "value"), [("cols = 16", "cols = 200"), ("gate_clocks = 510", "gate_clocks = 30")]
+)
+def test_a_design_that_the_verilog_is_not_made_for_is_refused(tree: Path, key: str, value: str) -> None:
+    path = tree / "models/design.toml"
+    text = path.read_text()
+    assert text.count(key) == 1
+    path.write_text(text.replace(key, value).replace("code_bits = 8", "code_bits = 4"))
+    with pytest.raises(InputError, match=rf"design\.toml: \w+\.{value}: the chip does"):
+        generate.generate_all(tree)
+
+
 def test_the_first_picture_shows_the_codes_of_the_verilog() -> None:
     codes = [dermis.simulate(first_picture.SCENE, engine=engine).codes for engine in ("closed", "rtl")]
     assert codes[0].any()

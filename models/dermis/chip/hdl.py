@@ -31,28 +31,44 @@ BUILD_LIMIT_S = 600.0
 SIMULATOR_PATH = Path(__file__).with_name("simulator_path")
 """Modules that come before all others in the process of a simulator."""
 
+SIDE_MAX = 128
+"""Rows, and columns: the register map has room for no more."""
+WORD_MAX = 2**16 - 1
+"""Clocks of a gate, and of settling, which are registers of 16 bits."""
 PACK_MARGIN_CLOCKS = 15
 """Clocks to pack a row, in addition to one per byte (PACK_CLOCKS in dermis_row_scanner)."""
+
+
+def gate_min(cols: int, bits: int) -> int:
+    """Return the clocks to pack a row: in a shorter gate the chip waits for it, and slots get longer than planned."""
+    return spi_protocol.slot_bytes(cols, bits) + PACK_MARGIN_CLOCKS
+
+
+def chip_limits(
+    rows: int, cols: int, bits: int, gate_clocks: int, settle_clocks: int, break_clocks: int
+) -> list[tuple[str, int, str]]:
+    """Return key, value and what is allowed of each value for which dermis_top is not made."""
+    least = 2 + break_clocks
+    limits = [
+        ("array.rows", rows, 1, SIDE_MAX, "rows"),
+        ("array.cols", cols, 1, SIDE_MAX, "columns"),
+        ("timing.gate_clocks", gate_clocks, gate_min(cols, bits), WORD_MAX, "clocks of a gate"),
+        ("timing.settle_clocks", settle_clocks, least, WORD_MAX, "clocks from row to gate"),
+        ("timing.code_bits", bits, 1, 16, "bits of a code"),
+    ]
+    return [
+        (key, value, f"the chip does {least} to {most} {what}")
+        for key, value, least, most, what in limits
+        if not least <= value <= most
+    ]
 
 
 def beyond_the_chip(plan: Plan) -> InputError | None:
     """Return the error for a plan outside the limits of dermis_top, or None."""
     timing = plan.timing
-    bits, words = timing.code_max.bit_length(), 2**16 - 1  # settle and gate are registers of 16 bits
-    # A shorter gate makes the chip wait for the row before to be packed, so that its slots get longer than planned.
-    packing = spi_protocol.slot_bytes(plan.cols, bits) + PACK_MARGIN_CLOCKS
-    least = 2 + timing.break_clocks
-    limits = [
-        ("array.rows", plan.rows, 1, 128, "rows"),  # the register map has room for no more
-        ("array.cols", plan.cols, 1, 128, "columns"),
-        ("timing.gate_clocks", timing.gate_clocks, packing, words, "clocks of a gate"),
-        ("timing.settle_clocks", timing.settle_clocks, least, words, "clocks from row to gate"),
-        ("timing.code_bits", bits, 1, 16, "bits of a code"),
-    ]
-    for key, value, least, most, what in limits:
-        if not least <= value <= most:
-            allowed = f"the chip does {least} to {most} {what}; engine closed does more"
-            return InputError(plan.scene.path, key, value, allowed)
+    clocks = timing.gate_clocks, timing.settle_clocks, timing.break_clocks
+    for key, value, allowed in chip_limits(plan.rows, plan.cols, timing.code_max.bit_length(), *clocks):
+        return InputError(plan.scene.path, key, value, f"{allowed}; engine closed does more")
     return None
 
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from rtl_run import simulate
 
-from dermis.chip.hdl import PACK_MARGIN_CLOCKS
+from dermis.chip.hdl import gate_min
 from dermis.chip.sources import rtl_include_dirs, rtl_sources
-from dermis.chip.spi_protocol import slot_bytes
 from scripts.lint import header_values
 from tb.reference.chip import SHORT, Duty, count, duty_of_resistance, ones
 
@@ -238,7 +237,7 @@ def test_power_up_and_reset_leave_no_row_driven_and_preset_on(simulator: str, sy
 
 
 def test_a_gate_that_waits_for_packing_is_the_one_that_a_plan_is_refused_for(tmp_path: Path) -> None:
-    """`hdl.beyond_the_chip` and dermis_reader say from which gate on a row is packed in time, at every size."""
+    """`hdl.gate_min` and dermis_reader say from which gate on a row is packed in time, at every size."""
     sizes = [(cols, bits) for cols in (1, 2, 7, 8, 9, 16, 64, 127, 128) for bits in (1, 8, 9, 16)]
     lines = ["module sizes;"]
     for n, (cols, bits) in enumerate(sizes):
@@ -249,5 +248,5 @@ def test_a_gate_that_waits_for_packing_is_the_one_that_a_plan_is_refused_for(tmp
     command = ["iverilog", "-g2005", "-s", "sizes", "-o", str(out), *(f"-I{d}" for d in rtl_include_dirs())]
     subprocess.run([*command, *map(str, rtl_sources()), str(top)], check=True, timeout=60)
     said = subprocess.check_output(["vvp", "-n", str(out)], timeout=60, text=True)
-    wanted = [slot_bytes(cols, bits) + PACK_MARGIN_CLOCKS for cols, bits in sizes]
+    wanted = [gate_min(cols, bits) for cols, bits in sizes]
     assert [int(line) for line in said.split()] == wanted
