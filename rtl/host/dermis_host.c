@@ -28,7 +28,8 @@ static uint16_t crc16(const uint8_t *bytes, size_t count) {
 static int whole(const uint8_t *bytes, size_t length) {
   size_t slot = 1u + bytes[4] * (bytes[5] > 8 ? 2u : 1u) + (bytes[4] + 7u) / 8u, used = length;
   int last = -1;
-  if (bytes[0] != 1 || length == 10 || (length - 10) % slot) return 0;
+  if (bytes[0] != 1 || bytes[1] >> 5 || length == 10 || (length - 10) % slot) return 0;
+  if (!bytes[4] || bytes[4] > 128 || !bytes[5] || bytes[5] > 16) return 0;
   for (size_t at = 8; at < length - 2; at += slot) {
     int order = bytes[at] >= 0xF0 && bytes[at] <= 0xF3 ? bytes[at] - 0xF0 : bytes[at] < 128 ? bytes[at] + 4 : -1;
     if (order <= last) return 0;
@@ -42,7 +43,7 @@ static int whole(const uint8_t *bytes, size_t length) {
 
 static int exchange(const dermis_host *host, const uint8_t *send, uint8_t *receive, size_t count) {
   while (count) {
-    size_t now = count < host->transfer_bytes ? count : host->transfer_bytes;
+    size_t now = host->transfer_bytes && host->transfer_bytes < count ? host->transfer_bytes : count;
     if (host->transfer(host->port, send, receive, now, 1)) return DERMIS_PORT;
     if (send) send += now;
     receive += now;
@@ -78,7 +79,7 @@ static int corrupted(int status) {
 int dermis_write(const dermis_host *host, uint8_t address, uint16_t value) {
   int status = DERMIS_NOT_WRITTEN;
   /* Not after a bad token: the chip may have written, and a shot would be taken twice. */
-  for (unsigned n = 0; n < host->tries && (status == DERMIS_NOT_WRITTEN || status == DERMIS_NO_REGISTER); n++) {
+  for (unsigned n = 0; (!n || n < host->tries) && (status == DERMIS_NOT_WRITTEN || status == DERMIS_NO_REGISTER); n++) {
     uint8_t command[5] = {OP_WRITE, address, (uint8_t)(value >> 8), (uint8_t)value, 0};
     command[4] = crc8(command, 4);
     status = finish(host, ask(host, command, 5, TOKEN_DONE));
@@ -88,7 +89,7 @@ int dermis_write(const dermis_host *host, uint8_t address, uint16_t value) {
 
 int dermis_read(const dermis_host *host, uint8_t address, uint16_t *value) {
   int status = DERMIS_BAD_CRC;
-  for (unsigned n = 0; n < host->tries && corrupted(status); n++) {
+  for (unsigned n = 0; (!n || n < host->tries) && corrupted(status); n++) {
     uint8_t command[2] = {OP_READ, address}, answer[5] = {OP_READ, address, 0, 0, 0};
     status = ask(host, command, 2, TOKEN_DATA);
     if (status == DERMIS_OK) status = exchange(host, NULL, answer + 2, 3);
@@ -121,7 +122,7 @@ int dermis_frame(const dermis_host *host, unsigned polls, uint8_t *bytes, size_t
   int status = dermis_wait(host, DERMIS_STATUS_FRAME_READY_MASK, polls);
   if (status != DERMIS_OK) return status;
   status = DERMIS_BAD_CRC;
-  for (unsigned n = 0; n < host->tries && corrupted(status); n++) {
+  for (unsigned n = 0; (!n || n < host->tries) && corrupted(status); n++) {
     uint8_t command[1] = {OP_FRAME}, size[2] = {0, 0};
     status = ask(host, command, 1, TOKEN_DATA);
     if (status == DERMIS_OK) status = exchange(host, NULL, size, 2);

@@ -14,7 +14,7 @@ enum {
   DERMIS_NO_REGISTER,   /* E3, or E0: nothing was done */
   DERMIS_NOT_WRITTEN,   /* E1 or E2 in each try: nothing was done */
   DERMIS_BAD_CRC,       /* in each try */
-  DERMIS_BAD_LENGTH,    /* longer than the buffer, or not whole slots in order */
+  DERMIS_BAD_LENGTH,    /* longer than the buffer, or no header or whole slots in order */
   DERMIS_TIMEOUT,       /* STATUS did not show the bit */
   DERMIS_OTHER_CHIP     /* ID is not DE01 */
 };
@@ -24,9 +24,9 @@ typedef struct {
      low afterwards if `hold`. Mode 0, most significant bit first. Return 0 when done. */
   int (*transfer)(void *port, const uint8_t *send, uint8_t *receive, size_t count, int hold);
   void *port;
-  size_t transfer_bytes; /* most bytes of one transfer */
+  size_t transfer_bytes; /* most bytes of one transfer; 0: no limit */
   unsigned wait_bytes;   /* most wait bytes before an answer; 4096 is SCK at 8000 times f_clk */
-  unsigned tries;        /* of a request that the line corrupted; 3 */
+  unsigned tries;        /* of a request that the line corrupted; 3, and at least one is made */
 } dermis_host;
 
 /* Each returns one of the above. */

@@ -98,6 +98,50 @@ def test_the_driver_in_c_does_not_write_past_its_buffer(library: str) -> None:
     assert drive({"library": library}, room=FRAME_BYTES - 1)["error"] == "BAD_LENGTH"
 
 
+TRANSFER = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int
+)
+
+
+class HostInC(ctypes.Structure):
+    """`dermis_host`."""
+
+    _fields_ = (
+        ("transfer", TRANSFER), ("port", ctypes.c_void_p), ("transfer_bytes", ctypes.c_size_t),
+        ("wait_bytes", ctypes.c_uint), ("tries", ctypes.c_uint),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("at", "value", "ends"),
+    [(0, 1, 0), (0, 2, 7), (1, 0x1F, 0), (1, 0x20, 7), (4, 0, 7), (5, 0, 7), (5, 17, 7), (8, 200, 7)],
+)
+def test_the_driver_in_c_takes_a_frame_in_one_transfer_or_says_what_it_is(
+    library: str, at: int, value: int, ends: int
+) -> None:
+    """A host without a limit and without a number of tries; a header or slot that no chip sends is refused."""
+    body = bytearray((1, 0, 0, 7, 3, 8, 1, 254, 0, 10, 20, 30, 0))
+    body[at] = value
+    frame = bytes(body) + spi.crc16(bytes(body)).to_bytes(2, "big")
+    left = bytearray()
+
+    def transfer(_port: int, send: int | None, receive: int, count: int, hold: int) -> int:
+        if send and ctypes.string_at(send, 1)[0] == spi.OP_READ:  # STATUS: a frame is ready
+            word = b"\xff\xff"
+            left[:] = b"\0\0\xa5" + word + bytes((spi.crc8(ctypes.string_at(send, 2) + word),))
+        elif send:
+            left[:] = b"\0\xa5" + len(frame).to_bytes(2, "big") + frame
+        ctypes.memmove(receive, bytes(left[:count]) + bytes(max(count - len(left), 0)), count)
+        del left[:count]
+        return 0
+
+    lib, room, length = ctypes.CDLL(library), ctypes.create_string_buffer(64), ctypes.c_size_t()
+    host = HostInC(TRANSFER(transfer), None, 0, 64, 0)
+    assert lib.dermis_frame(ctypes.byref(host), 1, room, ctypes.c_size_t(64), ctypes.byref(length)) == ends
+    if not ends:
+        assert room.raw[: length.value] == frame
+
+
 class Kernel:
     """ioctl of a spidev port: at most 4096 bytes a message, chip select high after one without cs_change."""
 
