@@ -60,7 +60,7 @@ def column_error(changes: Changes, points: int, work: Path) -> tuple[float, str]
 
 
 @click.command("board", context_settings=SHOW)
-@click.option("--points", type=click.IntRange(2, 256), default=40, help="Number of resistances a board.")
+@click.option("--points", type=click.IntRange(8, 256), default=40, help="Number of resistances a board.")
 def board_command(points: int) -> int:
     """Convert resistances with a column on a board, in ngspice: error after one gain point."""
     rows = []

@@ -27,7 +27,7 @@ from dermis.decode.sheets import Sheets, apply_sheet
 from dermis.engines import closed
 from dermis.errors import InputError
 from dermis.machine_code import argument
-from dermis.ndarrays import Floats
+from dermis.ndarrays import Floats, unmasked
 from dermis.records import Plan, random_of, setting_of
 from dermis.scene import scene as scenes
 from dermis.scene.sensor import InverseSensor, SensorState
@@ -433,7 +433,7 @@ class Skin(Threaded):
 
         Of many sheets with hysteresis or creep each has half a megabyte of state, and its own call.
         """
-        codes, remembers = np.asarray(codes), self.decoder.calibration.memory.active
+        codes, remembers = unmasked(codes, "codes"), self.decoder.calibration.memory.active
         if self.envs is None and (codes.ndim == 2 or remembers or self.threads == 1):
             return self.decoder.decode(codes, t_frame_s, out)
         count = self._shaped(codes, "codes")

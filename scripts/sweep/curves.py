@@ -321,7 +321,8 @@ def judge_laws(curves: Sequence[Curve]) -> verdict.Row:
         gap = np.abs(curve.ideal.pulses - curve.pulses_eq3)
         found.append((int(gap.max()), curve.topology, float(curve.resistance_ohm[np.argmax(gap)])))
     gap, topology, ohm = min(found)
-    return verdict.judge(name, gap, f"pulses read less eq. (3) in one gate, {topology} at {ohm:.6g} ohm")
+    note = f"pulses read less eq. (3) in one gate: {gap}, {topology} at {ohm:.6g} ohm"
+    return verdict.judge(name, gap * 255 / load_design().timing.code_max, note)
 
 
 def plain_ngspice(work: Path) -> list[verdict.Row]:

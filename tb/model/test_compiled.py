@@ -138,6 +138,7 @@ BAD: dict[str, list[Callable[[], Any]]] = {
     ],
     "Skin.decode": [
         lambda: SKIN.decode(ONES),
+        lambda: SKIN.decode(np.ma.masked_equal(BYTES, BYTES.flat[0])),
         lambda: SKIN.decode(BYTES[:, :, :2]),
         lambda: SKIN.decode(BYTES.astype(int) * 300),
         lambda: SKIN.decode(BYTES, out=forces(high_n=HALF)),

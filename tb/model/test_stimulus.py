@@ -252,7 +252,7 @@ def test_npy_npz_and_csv_read_the_same(write_scene: Write) -> None:
     codes = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
     for name, data, more in (
         ("f.csv", "0,1,2,3,4,5\n6,7,8,9,10,11\n", ""),
-        ("f.csv", "0,1,2\n3,4,5\n\n6, 7 ,8\r\n9,10,11", ""),
+        ("f.csv", "\ufeff0,1,2\n3,4,5\n\n6, 7 ,8\r\n9,10,11", ""),
         ("f.npy", npy(np.asfortranarray(codes.astype(">i4"))), ""),
         ("f.npz", npz(codes=codes), ""),
         ("f.npz", npz(other=codes + 1, codes=codes.astype(float)), 'key = "codes"\n'),

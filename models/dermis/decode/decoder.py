@@ -22,7 +22,7 @@ from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
 from dermis.decode.law import force_of
 from dermis.decode.memory import SheetMemory, check_out, undo_frame
-from dermis.ndarrays import Bools, Floats
+from dermis.ndarrays import Bools, Floats, unmasked
 from dermis.scene.sensor_loops import advance_creep
 
 ZERO, SATURATED, SHORT, UNSOLVED, NEAR_SATURATED = 1, 2, 4, 8, 16
@@ -413,9 +413,7 @@ def _decode_frames(k, codes, dt_s, modes, solved, solved_off, memory, results):
 
 def numbers(values: ArrayLike, name: str) -> Floats:
     """Return real numbers as a contiguous array of doubles; ValueError for any other kind, or hidden by a mask."""
-    if np.ma.is_masked(values):
-        raise ValueError(f"{name} has masked values: fill them, or leave these frames out")
-    array = np.asarray(values)
+    array = unmasked(values, name)
     if array.dtype.kind not in "iuf":
         raise ValueError(f"{name} must be real numbers, not {array.dtype}")
     return np.ascontiguousarray(array, dtype=float)
@@ -522,7 +520,7 @@ class Decoder(Threaded):
             Codes of a wrong shape, kind or range, times that run backwards, or arrays to fill of another shape or type.
         """
         cal = self.calibration
-        codes = np.asarray(codes)
+        codes = unmasked(codes, "codes")
         fits = codes.ndim in (2, 3) and codes.shape[-2:] == (cal.rows, cal.cols)
         if not fits or codes.dtype.kind not in "iu":
             raise ValueError(f"codes must be integers [frames, {cal.rows}, {cal.cols}]")

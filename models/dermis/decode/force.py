@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dermis.converter.vfc import W_PRESET, Converter
-from dermis.ndarrays import Bools, Floats
+from dermis.ndarrays import Bools, Floats, unmasked
 from dermis.records import Plan
 
 
@@ -46,7 +46,7 @@ def decode(plan: Plan, codes: ArrayLike, corrected: bool = False) -> Decoded:
     ValueError
         Codes outside 0..code_max, or a wrong shape.
     """
-    codes = np.asarray(codes)
+    codes = unmasked(codes, "codes")
     if codes.dtype.kind not in "iu" or codes.shape[-2:] != (plan.rows, plan.cols):
         raise ValueError(f"codes must be integers [..., {plan.rows}, {plan.cols}]")
     code_max, gate = plan.timing.code_max, plan.timing.gate_clocks

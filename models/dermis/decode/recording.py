@@ -440,7 +440,7 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         step = np.diff(time)
     if not (np.isfinite(step).all() and (step >= 0).all() and time[-1] > time[0]):
         at = int(np.argmin(np.where(np.isfinite(step), step, -np.inf)))
-        allowed = "later than the frame before; or --time-key of another column, or --rate"
+        allowed = f"later than {time[at]:.9g} of the frame before; or --time-key of another column, or --rate"
         raise InputError(path, f"time of frame {at + 1}", float(time[at + 1]), allowed)
     if (same := int((step == 0).sum())) and same < frames - 1:
         first = int(np.argmax(step == 0)) + 1

@@ -86,7 +86,8 @@ _RAW = ("counts", "count", "adc", "raw", "lsb", "code", "codes", "bit", "bits", 
 _UNIT = re.compile(r"[\[(]([^\])\d]*[^\W\d][^\])\d]*2?)[\])]|\d[ _.]+([^\W\d_]+)$")
 """Unit in the name of a taxel: in brackets, or after its number."""
 _STATED = re.compile(
-    r"(?:.*pressure values in|[#%\s]*(?:force|pressure|values?|taxels?|data|sensor)?\s*units?\s*[:=])\s*(\S+)\s*$",
+    r"(?:.*(?:pressure|force)s?(?: values)? in|[#%\s]*(?:force|pressure|values?|taxels?|data|sensor)?\s*units?\s*[:=])"
+    r"\s*(\S+)\s*$",
     re.IGNORECASE,
 )
 """Unit of the values in a comment."""

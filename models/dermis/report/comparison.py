@@ -47,6 +47,11 @@ def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray
     return float(slope), float(offset), code - (slope * force + offset)
 
 
+NO_REFERENCE = (
+    "neither closed nor event is another engine that takes its effects; compare runs of rtl or cosim"
+)
+
+
 def _reference(made: Plan) -> str | None:
     """Return the engine to compare with, `closed` or `event`; None if neither can do the plan."""
     # Not engines.cheapest: an engine that refuses a value becomes a SKIP row with its reason.
@@ -58,7 +63,7 @@ def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row
     ideal = replace(made, views=BEHAVIOURAL)
     key = f"frame.transistor_error_lsb.{name}"
     if (reference := _reference(ideal)) is None:
-        return [verdict.skip(key, "no other engine takes its effects")]
+        return [verdict.skip(key, NO_REFERENCE)]
     exact = engines.run(replace(ideal, engine=reference)).codes.astype(float)
     inside = (exact > 0) & (exact < made.timing.code_max) & (codes < made.timing.code_max)
     note = f"{codes.size} codes against engine {reference}, as read: gain and offset of the channels"
@@ -92,7 +97,7 @@ def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None
     if made.views.in_transistors(made.topology):
         return _compare_transistors(made, codes, name)
     rows: list[Row] = []
-    refused, reference = "no other engine takes its effects", _reference(made)
+    refused, reference = NO_REFERENCE, _reference(made)
     if reference is not None:
         try:
             error = np.abs(codes - engines.run(replace(made, engine=reference)).codes)

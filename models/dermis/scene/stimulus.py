@@ -2,6 +2,7 @@
 """The stimulus of a scene: its [stimulus] tables, and the frames that they describe."""
 
 import array as arrays
+import codecs
 import io
 import math
 import zipfile
@@ -575,6 +576,7 @@ def _check_values(values: Floats, shown: str, table: _Stored) -> None:
 def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
     """Return the values of a csv file [frames, rows, cols]; the first that is wrong is named."""
     rows, cols = about.rows, about.cols
+    data = data.removeprefix(codecs.BOM_UTF8)
     if not data.isascii():
         at = next(i for i, byte in enumerate(data) if byte > 127)
         raise InputError(shown, f"byte {at}", data[at], "numbers separated by commas")

@@ -484,6 +484,7 @@ CASES: dict[str, Case] = {
     "a date and time in digits": csv(flat, {"timestamp": every("20240304100000.{:03d}")}),
     "an index of dates": csv(flat, {"": every("2024-03-04 10:00:00.{:03d}")}, options=SIZE),
     "a unit in a comment": Case(UNITS_COMMENT, SIZE | RATE, **NEWTONS),
+    "a unit in a sentence": Case("# forces in mN\n" + table(None), SIZE | RATE, **NEWTONS),
     "two units in comments": Case("# unit: N\n# unit: mN\n" + table(None), SIZE | RATE, says="several units"),
     "names with a comma": csv(lambda r, c: f'"p[{r},{c}]"', {"t": seconds()}, options={}),
     "rows with a time of their own": Case(OWN_TIMES, {"cols": COLS}),
@@ -563,7 +564,7 @@ CASES: dict[str, Case] = {
     "a word to skip": csv(None, WORDS, options=RATE | {"skip": 1, "rows": 5, "cols": 5}, asks="--skip"),
     "a time without a unit": csv(flat, {"t": every("{}")}, options=SIZE, asks="--time-unit"),
     "a time that falls": csv(
-        None, {"": every("{}", -1)}, options=BY_NUMBER, asks="later than the frame before"
+        None, {"": every("{}", -1)}, options=BY_NUMBER, asks="of the frame before"
     ),
     "halves before the taxels": csv(None, {"": seconds(25)}, options=SIZE, asks="--skip N, --taxels"),
     "a value too many": Case(table(None).replace("\n", ",1\n", 1), SIZE | RATE, asks="line 2"),
