@@ -132,6 +132,9 @@ def test_engines_are_compared_with_the_best_peer() -> None:
             "step_ratio.no_pole": 1e6,
         }
     )
+    finer = [*ours, point(40.0, 1e-12, "peer: z")]
+    statuses = [next(simulator.ratios(finer, quick))["status"] for quick in (False, True)]
+    assert statuses == ["ERROR", "SKIP"]
 
 
 def test_between_two_methods_no_setting_is_made_up() -> None:
