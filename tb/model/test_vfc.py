@@ -72,6 +72,11 @@ def test_shorts_and_negative_infinity_have_a_count_from_any_start() -> None:
         count(np.nan)
 
 
+@pytest.mark.filterwarnings("error")
+def test_one_taxel_with_a_packet_of_its_column_is_counted_in_silence() -> None:
+    assert count(np.full((1, 1, 1), 0.1), 510, packet=np.ones(1)).tolist() == [[[51]]]
+
+
 def test_charge_left_over_by_a_short_is_counted_in_the_next_row_unless_preset() -> None:
     x_hard, x_soft = Fraction(R_UNIT_OHM, 312), Fraction(2, GATE)
     left = -HALF + GATE * x_hard - count_exact(x_hard, GATE)

@@ -274,7 +274,7 @@ def count(
     found = np.empty(x.size, dtype=np.int64)
     from dermis.converter.vfc_loops import count_all  # numba takes 0.4 s to load
 
-    count_all(x.ravel(), clocks, (threshold - w0).ravel(), packet.ravel(), found)
+    count_all(x.ravel(), clocks, (threshold - w0).ravel(), packet.flatten(), found)
     return found.reshape(x.shape)
 
 
