@@ -163,6 +163,34 @@ def test_a_load_that_is_wrong_is_named() -> None:
     assert identify.fit_sheet(fitted(), bad, "linear").bad == ("weight 3",)
 
 
+def test_as_many_frames_as_rows_are_frames(tmp_path: Path) -> None:
+    path = write_session(tmp_path)
+    codes = np.load(tmp_path / "codes_0.npy")
+    np.save(tmp_path / "codes_0.npy", np.repeat(codes, SIZE, axis=0))
+    assert run(path, "--out", tmp_path / "sheet.toml")[0] == 0
+
+
+@pytest.mark.parametrize("crosstalk", [0, 12])
+def test_a_dead_taxel_that_reads_its_neighbours_blames_no_load(crosstalk: int) -> None:
+    made = []
+    for load in loads():
+        codes = load.codes.copy()
+        codes[:, 2, 3] = np.minimum(codes[:, 2, 3], crosstalk)
+        made.append(dataclasses.replace(load, codes=codes))
+    fit = identify.fit_sheet(fitted(), made, "linear")
+    assert fit.bad_taxels == {(2, 3): "does not respond to loads"}
+    assert fit.bad == ()
+
+
+def test_the_force_from_which_a_sheet_conducts_comes_from_loads() -> None:
+    ideal = Calibration.of_plan(Skin(array={"rows": 4, "cols": 4}).plan)
+    force = np.array([0.3, 0.6, 0.95, 1.05, 2.0, 4.0, 8.0])[:, None, None] * np.ones((7, 4, 4))
+    codes = ideal.codes_of(column_currents(ideal.array(), np.where(force < 1.0, 0.0, force / 7500.0)))
+    fit = identify.fit_sheet(ideal, weights(force, codes), "linear").calibration
+    assert fit.curve.force_on_n == 1.05
+    assert Decoder(fit, 2e-3).decode(codes).holds(force).all()
+
+
 def test_dead_and_stuck_taxels_are_named() -> None:
     made = []
     for load in loads():
@@ -250,6 +278,11 @@ def test_one_cycle_tells_hysteresis_and_creep() -> None:
     assert values["hysteresis"][0] == pytest.approx(0.1, abs=0.003)
     assert values["creep_per_decade"][0] == pytest.approx(0.05, abs=0.003)
     assert found.memory.radius.size == 1
+    shifted, late = np.roll(force, 50, axis=0), force[force[:, 0, 0].argmax() :]
+    with pytest.raises(identify.ContradictionError, match="of the same frames"):
+        identify.fit_memory(known, codes, shifted, session.T_FRAME_S)
+    with pytest.raises(identify.ContradictionError, match="let go"):
+        identify.fit_memory(known, codes[-len(late) :], late, session.T_FRAME_S)
     with pytest.raises(identify.ContradictionError, match="let go"):
         identify.fit_memory(known, np.zeros((5, SIZE, SIZE)), np.zeros((5, SIZE, SIZE)), 2e-3)
 

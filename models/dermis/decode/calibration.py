@@ -42,6 +42,7 @@ UNSEEN_DECADES = 0.05
 """Creep in decades that loads below half a code cause unseen, as they come and go in some tens of milliseconds."""
 
 _PER_COLUMN = "step_a start_code inv_i_range_a step_part start_sigma_code zero_code full_code".split()
+_NOT_NEGATIVE = "inv_i_range_a step_part start_sigma_code zero_code full_code factor factor_part".split()
 _PIECES, _CREEP = "knots coefficients", "creep_per_decade creep_start_s"
 _NETWORK = CARRIED | CORRECTED
 
@@ -124,9 +125,10 @@ class Calibration:
         # What compiled loops take as it is: an index outside, or a shape of another sheet, would read foreign memory.
         for name, shape in shapes.items():
             array = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), shape).copy()
-            object.__setattr__(self, name, argument(array, name, shape))
+            least = 0.0 if name in _NOT_NEGATIVE else None
+            object.__setattr__(self, name, argument(array, name, shape, least))
         for name in ("v_bias_v", "g_max_s", "noise_code", "law_part", "uncorrected_part"):
-            argument(getattr(self, name), name, ())
+            argument(getattr(self, name), name, (), 0.0)
         for mode in self.modes:
             argument(mode.factor_part, "factor_part of a mode", (self.rows, self.cols))
         for r, c, *_ in (*self.reference, *self.own):
@@ -303,32 +305,35 @@ def load(path: Path | str) -> Calibration:
     curve = Curve(kind, logarithmic, **sheet.floats("g_open_s force_on_n"), **sheet.pieces())
     if curve.kind not in KINDS:
         raise InputError(path, "sheet.kind", curve.kind, "one of " + ", ".join(KINDS))
-    made = Calibration(
-        rows=rows,
-        cols=cols,
-        code_max=code_max,
-        **chip.floats("v_bias_v noise_code"),
-        network=_Table(path, "network", data.get("network", {})).network(cols),
-        curve=curve,
-        factor=sheet.numbers("factor", taxels, positive=True),
-        memory=MemoryLaw(radius, memory.numbers("weight", radius.shape), **memory.floats(_CREEP)),
-        **array.floats("g_max_s"),
-        own={one.place(rows, cols): replace(curve, **one.pieces()) for one in each("own_law")},
-        reference=tuple(
-            (*t.place(rows, cols), *t.floats("conductance_s").values()) for t in each("reference")
-        ),
-        factor_part=sheet.numbers("factor_part", taxels),
-        **sheet.floats("law_part uncorrected_part"),
-        modes=tuple(
-            Mode(t.inner("network").network(cols), t.numbers("factor_part", taxels)) for t in each("mode")
-        ),
-        offset_v2=_Table(path, "uncertainty", data.get("uncertainty", unknown)).numbers(
-            "offset_v2", (3, cols)
-        ),
-        notes=tuple(data.get("notes", ())),
-        **{name: chip.value(name, bool) for name in ("falling", "divider")},
-        **{name: chip.numbers(name, (cols,), positive=name == "step_a") for name in _PER_COLUMN},
-    )
+    try:
+        made = Calibration(
+            rows=rows,
+            cols=cols,
+            code_max=code_max,
+            **chip.floats("v_bias_v noise_code"),
+            network=_Table(path, "network", data.get("network", {})).network(cols),
+            curve=curve,
+            factor=sheet.numbers("factor", taxels, positive=True),
+            memory=MemoryLaw(radius, memory.numbers("weight", radius.shape), **memory.floats(_CREEP)),
+            **array.floats("g_max_s"),
+            own={one.place(rows, cols): replace(curve, **one.pieces()) for one in each("own_law")},
+            reference=tuple(
+                (*t.place(rows, cols), *t.floats("conductance_s").values()) for t in each("reference")
+            ),
+            factor_part=sheet.numbers("factor_part", taxels),
+            **sheet.floats("law_part uncorrected_part"),
+            modes=tuple(
+                Mode(t.inner("network").network(cols), t.numbers("factor_part", taxels)) for t in each("mode")
+            ),
+            offset_v2=_Table(path, "uncertainty", data.get("uncertainty", unknown)).numbers(
+                "offset_v2", (3, cols)
+            ),
+            notes=tuple(data.get("notes", ())),
+            **{name: chip.value(name, bool) for name in ("falling", "divider")},
+            **{name: chip.numbers(name, (cols,), positive=name == "step_a") for name in _PER_COLUMN},
+        )
+    except ValueError as error:
+        raise InputError(path, "values", "out of range", str(error)) from None
     try:
         for mode in (None, *made.modes):
             made.array(mode)

@@ -58,6 +58,8 @@ HALVINGS = 60
 """From a network in which the readings are impossible back to the fit."""
 CURRENTS_OFF = 0.03
 """Share of the full scale by which readings of test currents may differ from a straight line: any mismatch is less."""
+CYCLE_OFF = 5.0
+"""Roundings and noises that the readings of a cycle may be off, rms: 1.3 where forces and codes belong together."""
 SHARE_BAD = 0.34
 """Share of bad loads from which on no fit can tell the good from the bad."""
 
@@ -151,6 +153,11 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     """
     if len(loads) < 3:
         raise ContradictionError(f"{len(loads)} loads; at least 3 are needed")
+    bad_taxels = _bad_taxels(calibration, loads)
+    if bad_taxels:  # what they read blames no load
+        out = np.zeros(calibration.factor.shape, dtype=bool)
+        out[tuple(np.transpose(list(bad_taxels)))] = True
+        loads = [dataclasses.replace(one, force_n=np.where(out, np.nan, one.force_n)) for one in loads]
     fit, by_load = _fit_loads(calibration, loads, kind)
     middle = np.median(list(by_load.values()))
     bad = [name for name, rms in by_load.items() if rms > BAD_LOAD * max(middle, RESIDUAL_MIN)]
@@ -159,7 +166,6 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
         said = f"loads contradict each other by {middle:.0%} of a reading"
         raise ContradictionError(f"{said}; largest: {worst}")
     good = [load for load in loads if load.name not in bad]
-    bad_taxels = _bad_taxels(calibration, good)
     own = fit.calibration.own if len(fit.calibration.own) < fit.calibration.factor.size / 2 else ()
     forces = np.unique([load.force_n for load in good])
     if bad or fit.calibration.own or forces.size > LEVELS:  # else it is this fit once more
@@ -172,6 +178,8 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     for place in bad_taxels:  # what they read says nothing of the force
         part[place] = UNKNOWN_PART
     made = dataclasses.replace(fit.calibration, factor_part=part, notes=(*calibration.notes, *notes))
+    read = np.array([np.median(load.codes, axis=0).ravel() for load in good])
+    made = _turn_on(made, read, np.nan_to_num([load.force_n.ravel() for load in good]))
     elsewhere = tuple(_elsewhere(made, good, bad_taxels))
     return dataclasses.replace(
         fit, calibration=made, bad=tuple(bad), bad_taxels=bad_taxels, elsewhere=elsewhere
@@ -199,16 +207,19 @@ def _elsewhere(made: Calibration, loads: list[Load], bad_taxels: Iterable[tuple[
 def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, int], str]:
     """Return taxels that do not read a force, with the reason.
 
-    One is dead if it reads below `LEAST_CODE` in every load under which most of the loaded taxels read twice that. One
-    is stuck if it reads full scale in every load, and in one at least where most taxels of that force do not.
+    One is dead if it reads below `LEAST_CODE` above its start, or a fifth of what others read, in every load that
+    presses it as hard as most and under which most of the hard pressed taxels read twice that code. One is stuck if it
+    reads full scale in every load, and in one at least where most taxels of that force do not.
     """
     codes = np.array([np.median(load.codes, axis=0) for load in loads])
     force = np.array([load.force_n for load in loads])
     pressed = force > 0
-    typical = [np.median(c[p]) if p.any() else 0.0 for c, p in zip(codes, pressed, strict=True)]
+    hard = [p & (f >= np.median(f[p])) if p.any() else p for f, p in zip(force, pressed, strict=True)]
+    above = codes - calibration.start_code
+    typical = [np.median(c[h]) if h.any() else 0.0 for c, h in zip(above, hard, strict=True)]
     typical = np.array(typical)[:, None, None]
-    telling = pressed & (typical >= 2 * LEAST_CODE)
-    dead = telling.any(axis=0) & ~(telling & (codes >= LEAST_CODE)).any(axis=0)
+    telling = hard & (typical >= 2 * LEAST_CODE)
+    dead = telling.any(axis=0) & ~(telling & (above >= np.maximum(LEAST_CODE, 0.2 * typical))).any(axis=0)
     full = calibration.full_code
     stuck = (codes >= full).all(axis=0) & (~pressed | (typical < full.min())).any(axis=0)
     said = {(int(r), int(c)): "does not respond to loads" for r, c in np.argwhere(dead)}
@@ -534,7 +545,8 @@ def fit_memory(
     codes, force_n : [frames, rows, cols] from rest, `t_frame_s` seconds apart; at least one rise and fall.
 
     Returns the calibration, and values with standard uncertainties: width of the loop, share of it that plays, creep a
-    decade. ContradictionError if no taxel is pressed from `LEAST_CODE` on, or the force never falls.
+    decade. ContradictionError if no taxel is pressed from `LEAST_CODE` on, the force never rises or never falls, or
+    the readings fit no hysteresis and creep.
     """
     codes, force = np.asarray(codes, dtype=float), np.asarray(force_n, dtype=float)
     currents = calibration.step_a * (codes - calibration.start_code)
@@ -548,7 +560,8 @@ def fit_memory(
     force = flat_force[:, chosen]
     full = np.broadcast_to(calibration.full_code, codes.shape[1:]).ravel()[chosen]
     used = (seen >= LEAST_CODE) & (seen < full) & (force > 0)
-    if not used.any() or not (np.diff(force, axis=0) < 0).any():
+    moves = np.diff(force, axis=0)
+    if not (used.any() and (moves > 0).any() and (moves < 0).any()):
         raise ContradictionError("a cycle needs a taxel that is pressed and let go")
     measured = np.where(used, np.log(np.maximum(g, 1e-12)), 0.0)
     weight = _weight(calibration, codes).reshape(len(codes), -1)[:, chosen][used]
@@ -579,6 +592,9 @@ def fit_memory(
     found = least_squares(residual, start, bounds=([0, 0, 0], most), diff_step=1e-4, x_scale=[0.05, 1, 0.05])
     spread = float(found.fun @ found.fun / max(found.fun.size - 3, 1))
     sigma = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * spread)
+    if (off := np.sqrt(spread)) > CYCLE_OFF * np.hypot(1.0, np.sqrt(12) * calibration.noise_code):
+        said = f"readings of the cycle are {off / np.sqrt(12):.2g} codes off any hysteresis and creep"
+        raise ContradictionError(f"{said}: are forces and codes of the same frames?")
     radius, play, creep_per_decade = p = found.x
     level = float(np.exp(np.average(difference(p), weights=weight**2)))
     # A share of the loop within its own uncertainty of the whole is the whole.
