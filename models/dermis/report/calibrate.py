@@ -180,7 +180,8 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             for name, pair in fit.values.items():
                 value(name, pair, name.rsplit("_", 1)[1], fit.remarks.get(name, ""))
             note("law_part", made.law_part, "1", "relative error of the law")
-            force = float(np.median(np.concatenate([one.force_n[one.force_n > 0] for one in loads])))
+            forces = np.concatenate([one.force_n[one.force_n > 0] for one in loads])
+            force = float(np.median(forces[forces >= min(made.curve.force_on_n, forces.max())]))
             ratio = float(made.curve.conductance_s(force) / start.conductance_s(force))
             remark = f"conductance at {force:.3g} N over that of the scene: "
             remark += "units, a weight for each taxel, or another [sensor] than "
