@@ -233,7 +233,6 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
     topology = targets.topology or base.interface.topology
     array_rows, array_cols = int(take("rows", base.array.rows)), int(take("cols", base.array.cols))
     bits = int(take("bits", base.timing.code_bits))
-    code_max = 2**bits - 1
     r_min, r_max, k_force = _sensor(targets, base)
     i_max = spec()["calculator.sensor_current_a"].max
     v_bias = min(exact(base.interface.v_bias_v), exact(i_max) * r_min)
@@ -244,8 +243,7 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
     if None not in (targets.k, targets.i0_a):
         x_full = v_bias / (r_min * targets.k * exact(targets.i0_a))
 
-    # Eq. (6) made exact: the shortest gate in which full scale counts to the highest code.
-    gate = targets.gate_clocks or math.ceil(code_max / min(x_full, HALF))
+    gate = targets.gate_clocks or _gate(bits, min(x_full, HALF))
     rate = targets.frame_rate_hz
     frame_s = take("frame_s", 1 / exact(rate) if rate else base.timing.frame_s)
     slot_s = frame_s / array_rows
@@ -327,6 +325,11 @@ def _charge(
     return k, i0, c_int
 
 
+def _gate(bits: int, duty: Fraction) -> int:
+    """Return the shortest gate in which this duty at full scale counts to the highest code: eq. (6) made exact."""
+    return math.ceil((2**bits - 1) / duty)
+
+
 def _slot_clocks(gate: int, settle: Fraction, base: Design) -> int:
     """Return the clocks of a slot; the row scanner sets the minimum (docs/rtl.md)."""
     return max(math.ceil(gate / (1 - settle)), gate + base.timing.break_clocks + 2)
@@ -386,7 +389,7 @@ def _judged(
         counted = vfc.count_rational(usable, answer.gate_clocks)
     holds = (counted + 1).bit_length() - 1
     note = f"{answer.gate_clocks} clocks count to {counted} at r_min ({holds} bits), wanted {answer.code_max}"
-    gate: Changes = {"gate_clocks": math.ceil(answer.code_max / usable)}
+    gate: Changes = {"gate_clocks": _gate(answer.bits, usable)}
     row("full_scale_code_error_lsb", counted - answer.code_max, note, gate)
     # gate x + 1/2 must reach code 1
     reach = answer.gate_clocks * answer.r_unit_ohm / (limit("code_at_r_max") - HALF)
@@ -398,7 +401,7 @@ def _judged(
     left = answer.slot_clocks - needed
     note = f"slot {answer.slot_clocks}, gate {answer.gate_clocks}, with settling {needed} clocks"
     if left < 0:
-        clocks = {b: _slot_clocks(math.ceil((2**b - 1) / usable), settle, base) for b in range(1, 17)}
+        clocks = {b: _slot_clocks(_gate(b, usable), settle, base) for b in range(1, 17)}
         held = [b for b, needs in clocks.items() if needs <= answer.slot_clocks]
         note += f"; f_clk_hz = {_at_least(needed / slot_s):g} would do"
         note += f", or {held[-1]} bits" if held else ""
@@ -474,7 +477,7 @@ def _beyond_the_chip(answer: Answer, usable: Fraction) -> tuple[list[str], Chang
     if "gate_clocks" in missed and targets.gate_clocks is not None:
         gate = changes["gate_clocks"] = min(max(gate, hdl.gate_min(cols, answer.bits)), hdl.WORD_MAX)
     elif "gate_clocks" in missed:
-        gates = {bits: math.ceil((2**bits - 1) / usable) for bits in range(1, 17)}
+        gates = {bits: _gate(bits, usable) for bits in range(1, 17)}
         fitting = [b for b, clocks in gates.items() if hdl.gate_min(cols, b) <= clocks <= hdl.WORD_MAX]
         changes["bits"] = min(fitting, key=lambda bits: abs(bits - answer.bits), default=None)
         gate = gates.get(changes["bits"], gate)

@@ -114,12 +114,11 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
     these is kept.
     """
     design = design_module.load(file := root / "models" / "design.toml")
-    timing, sizes = design.timing, (design.array.rows, design.array.cols)
+    rows, cols, timing = design.array.rows, design.array.cols, design.timing
     clocks = timing.gate_clocks, timing.settle_clocks, timing.break_clocks
-    for key, value, allowed in hdl.chip_limits(*sizes, timing.code_bits, *clocks):
+    for key, value, allowed in hdl.chip_limits(rows, cols, timing.code_bits, *clocks):
         raise InputError(file, key, value, allowed)
     period_ns = float(10**9 / exact(design.converter.f_clk_hz))
-    rows, cols = design.array.rows, design.array.cols
     lateral = array_subckt(rows, cols, lateral_ohm="parameter", name="array_lateral", design=design)
     files = templates.filled(
         ("rtl/dermis_design.vh", "spice/design.inc", "spice/array/array.sp", FRONT_END),

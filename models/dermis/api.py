@@ -17,7 +17,7 @@ from dermis import engines, plan
 from dermis.decode import force
 from dermis.engines import batch
 from dermis.errors import InputError, optional
-from dermis.ndarrays import Floats
+from dermis.ndarrays import Floats, unmasked
 from dermis.records import Plan
 from dermis.scene import design as designs
 from dermis.scene import scene as scenes
@@ -243,11 +243,9 @@ def _given(**arrays: ArrayLike | None) -> tuple[str, NDArray[Any]] | None:
     if len(given) > 1:
         raise InputError(_HERE, " and ".join(given), "both", "one of the two")
     for name, values in given.items():
-        if np.ma.is_masked(values):
-            raise InputError(_HERE, name, "masked values", "numbers; fill them, or leave these frames out")
         try:
-            return name, np.asarray(values)
-        except ValueError as error:  # lists of unequal lengths
+            return name, unmasked(values, name)
+        except ValueError as error:  # lists of unequal lengths as well
             raise InputError(_HERE, name, "(an array)", f"numbers [frames, rows, cols] ({error})") from None
     return None
 

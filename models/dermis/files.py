@@ -4,13 +4,11 @@
 import contextlib
 import errno
 import fcntl
-import json
-import math
 import os
 import secrets
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from dermis.errors import InputError
 from dermis.places import BUILD
@@ -41,19 +39,6 @@ def write_atomic(path: Path, content: str | bytes) -> None:
     """Write a file whole or not at all; text gets LF line ends on every system."""
     with atomic(path) as file:
         file.write(content.encode("utf-8") if isinstance(content, str) else content)
-
-
-def json_of(data: Any) -> str:
-    """Return data as JSON; a number that is not finite is null."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: plain(each) for key, each in value.items()}
-        if isinstance(value, list | tuple):
-            return [plain(each) for each in value]
-        return None if isinstance(value, float) and not math.isfinite(value) else value
-
-    return json.dumps(plain(data), indent=1, allow_nan=False) + "\n"
 
 
 @contextlib.contextmanager

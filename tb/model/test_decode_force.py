@@ -157,6 +157,9 @@ def test_a_calibration_survives_its_file(tmp_path: Path) -> None:
         ("v_bias_v = 0.5", 'v_bias_v = "half"', "chip.v_bias_v"),
         ("[network]", "[network]\nr_wire_ohm = 1.0", "network.r_wire_ohm"),
         ("r_row_driven_ohm = 2.0", "r_row_driven_ohm = -2.0", "network = its values"),
+        ("v_bias_v = 0.5", "v_bias_v = -0.5", "v_bias_v must be finite and 0 or above"),
+        ("law_part = 0.0", "law_part = -1.0", "law_part must be finite and 0 or above"),
+        ("noise_code = 0.0", "noise_code = -1.0", "noise_code must be finite and 0 or above"),
         ("[chip]", "[chip", "file = "),
     ],
 )

@@ -147,17 +147,18 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     For given resistances every load is solved backwards. The logarithm of a conductance is then an effect of the
     force, the same for all taxels, plus an effect of the taxel; the fit minimizes the residual over the resistances.
     It needs no law, and overlapping loads are enough: the same force on the same taxel must read the same whatever
-    else is pressed. A load whose residual is far above the others is left out and named. A taxel with enough loads
-    gets its own law if that fits better (`_own_laws`). ContradictionError if loads are too few, or contradict each
-    other so much that no load can be blamed.
+    else is pressed. A load whose residual is far above the others is left out and named, and so is a taxel that reads
+    no force. A taxel with enough loads gets its own law if that fits better (`_own_laws`). ContradictionError if loads
+    are too few, or contradict each other so much that no load can be blamed.
     """
     if len(loads) < 3:
         raise ContradictionError(f"{len(loads)} loads; at least 3 are needed")
     bad_taxels = _bad_taxels(calibration, loads)
-    if bad_taxels:  # what they read blames no load
-        out = np.zeros(calibration.factor.shape, dtype=bool)
-        out[tuple(np.transpose(list(bad_taxels)))] = True
-        loads = [dataclasses.replace(one, force_n=np.where(out, np.nan, one.force_n)) for one in loads]
+    unread = np.zeros(calibration.factor.shape, dtype=bool)
+    for place in bad_taxels:
+        unread[place] = True
+    # What they read blames no load.
+    loads = [dataclasses.replace(one, force_n=np.where(unread, np.nan, one.force_n)) for one in loads]
     fit, by_load = _fit_loads(calibration, loads, kind)
     middle = np.median(list(by_load.values()))
     bad = [name for name, rms in by_load.items() if rms > BAD_LOAD * max(middle, RESIDUAL_MIN)]
@@ -174,9 +175,7 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     notes = [f"load {name} was left out: it contradicts the others" for name in bad]
     notes += [f"{name}: {remark}" for name, remark in fit.remarks.items()]
     notes += [f"taxel {r} {c} {reason}" for (r, c), reason in bad_taxels.items()]
-    part = fit.calibration.factor_part.copy()
-    for place in bad_taxels:  # what they read says nothing of the force
-        part[place] = UNKNOWN_PART
+    part = np.where(unread, UNKNOWN_PART, fit.calibration.factor_part)
     made = dataclasses.replace(fit.calibration, factor_part=part, notes=(*calibration.notes, *notes))
     read = np.array([np.median(load.codes, axis=0).ravel() for load in good])
     made = _turn_on(made, read, np.nan_to_num([load.force_n.ravel() for load in good]))

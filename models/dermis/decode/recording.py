@@ -318,6 +318,8 @@ def _by_axes(path: Path, values: Floats, axes: tuple[str | int, ...], layout: La
 def _frames_first(path: Path, values: Floats, found: Found, layout: Layout) -> Floats:
     """Return an array with its frames on the first axis, where it is known which axis that is."""
     shape, size, taxels = values.shape, (layout.rows, layout.cols), layout.size
+    if layout.frames_first and shape[1:] == size:
+        return values
     allowed = "--axes as in frames,rows,cols or taxels,frames or frames,0,rows,cols"
     ask = InputError(path, "shape", list(shape), allowed)
     # The times of a file tell the axis of the frames, if only one has so many.
@@ -440,7 +442,9 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         step = np.diff(time)
     if not (np.isfinite(step).all() and (step >= 0).all() and time[-1] > time[0]):
         at = int(np.argmin(np.where(np.isfinite(step), step, -np.inf)))
-        allowed = f"later than {time[at]:.9g} of the frame before; or --time-key of another column, or --rate"
+        allowed = (
+            f"later than the frame before, at {time[at]:.9g}; or --time-key of another column, or --rate"
+        )
         raise InputError(path, f"time of frame {at + 1}", float(time[at + 1]), allowed)
     if (same := int((step == 0).sum())) and same < frames - 1:
         first = int(np.argmax(step == 0)) + 1

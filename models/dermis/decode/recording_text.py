@@ -107,6 +107,7 @@ class Layout:
     rate_hz : frames a second; overrules times in the file; inf: no times are needed.
     missing : value of a place without a taxel; NaN counts as well.
     axes : names of `recording.AXES` in the order of an array, or the number of the part to take along an axis.
+    frames_first : an array of three axes that fits [frames, rows, cols] is that, also with as many frames as rows.
     taxels : first and last column of the taxels of a text, from 0.
     part : sensor, or group of names, from 1, where a text has several.
     header : whether a first line of numbers has numbers of columns.
@@ -122,6 +123,7 @@ class Layout:
     missing: float | None = None
     gaps: str = "keep"
     axes: tuple[str | int, ...] | None = None
+    frames_first: bool = False
     taxels: tuple[int, int] | None = None
     part: int | None = None
     header: bool | None = None

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis calibrate`: measurements of a session into one calibration file."""
 
-import contextlib
 import dataclasses
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -103,14 +102,7 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
         raise InputError(path, "current", "none", allowed)
 
     def frames(name: str, key: str, unit: str = "codes") -> NDArray[Any]:
-        layout = recording.Layout(rows, cols, rate_hz=np.inf, gaps="refuse")
-        with contextlib.suppress(OSError, ValueError, EOFError):  # `recording.load` names what is wrong
-            shape = np.load(path.parent / name, mmap_mode="r").shape if name.endswith(".npy") else ()
-            if len(shape) == 3 and shape[1:] == (
-                rows,
-                cols,
-            ):  # as the page says, also of as many frames as rows
-                layout = dataclasses.replace(layout, axes=("frames", "rows", "cols"))
+        layout = recording.Layout(rows, cols, rate_hz=np.inf, gaps="refuse", frames_first=True)
         try:
             read = recording.load(path.parent / name, layout)
             found = read.values

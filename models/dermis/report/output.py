@@ -3,6 +3,8 @@
 
 import importlib.metadata
 import io
+import json
+import math
 import os
 import platform
 import re
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 from dermis.decode.force import decode
 from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
-from dermis.files import json_of, locked
+from dermis.files import locked
 from dermis.processes import children
 from dermis.records import Plan
 from dermis.report.verdict import Row
@@ -215,11 +217,11 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         "effects": [e._asdict() for e in plan.effects],
         "seed": plan.seed,
         "decoded": {
-            "total_force_n": total_n.tolist(),
+            "total_force_n": finite(total_n.tolist()),
             "taxels_at_zero": int(decoded.zero.sum()),
             "taxels_at_full_scale": int(decoded.saturated.sum()),
         },
-        "info": scalars,
+        "info": finite(scalars),
         "memory_mb": {
             "this_process": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
             "largest_child": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
@@ -227,6 +229,15 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         "verdicts": list(rows),
         "versions": versions(),
     }
+
+
+def finite(value: Any) -> Any:
+    """Return plain data with None for every number that is not finite, as a bound without a limit."""
+    if isinstance(value, dict):
+        return {key: finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def npy_bytes(array: NDArray[Any]) -> bytes:
@@ -247,7 +258,7 @@ def write(
     files: dict[str, bytes] = {
         "codes.npy": npy_bytes(result.codes),
         "codes.csv": csv_of(result.codes).encode(),
-        "summary.json": json_of(summary(plan, result, rows)).encode(),
+        "summary.json": (json.dumps(summary(plan, result, rows), indent=1, allow_nan=False) + "\n").encode(),
         "resolved.toml": plan.resolved_toml(out).encode(),
     }
     with _writing(out):

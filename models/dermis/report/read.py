@@ -21,7 +21,7 @@ from dermis.decode import calibration, recording, recording_bag
 from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Forces
 from dermis.decode.recording import Recording
 from dermis.errors import InputError, counted, one_line, optional
-from dermis.files import json_of, write_atomic
+from dermis.files import write_atomic
 from dermis.ndarrays import Bools, Floats
 from dermis.places import BUILD
 from dermis.records import Plan
@@ -501,7 +501,7 @@ def write(
         "time_s.npy": output.npy_bytes(rec.time_s),
         "codes.csv": output.csv_of(shown, "g" if missing.any() else "d", rec.time_s),
         "forces_n.csv": output.csv_of(found.force_n, ".6g", rec.time_s),
-        "summary.json": json_of(summary),
+        "summary.json": json.dumps(summary, indent=1, allow_nan=False) + "\n",
     }
     inputs = [Path(said[key]).resolve() for key in ("file", "scene", "calibration") if said[key]]
     for name in files:

@@ -4,6 +4,7 @@
 PASS and FAIL are measurements; ERROR is a value not measured (None, NaN, infinite); SKIP has a reason.
 """
 
+import json
 import math
 import statistics
 from collections.abc import Iterable, Sequence
@@ -14,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from dermis.files import json_of, write_atomic
+from dermis.files import write_atomic
 from dermis.places import BUILD
 from dermis.scene.design import Limit, spec
 
@@ -129,7 +130,7 @@ WRITTEN: list[tuple[str, list[Row]]] = []
 
 def write_rows(target: str, rows: Sequence[Row]) -> None:
     """Write build/<target>.json whole or not at all."""
-    write_atomic(BUILD / f"{target}.json", json_of(list(rows)))
+    write_atomic(BUILD / f"{target}.json", json.dumps(list(rows), indent=1, allow_nan=False) + "\n")
     WRITTEN.append((target, list(rows)))
 
 

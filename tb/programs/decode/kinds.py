@@ -563,7 +563,9 @@ CASES: dict[str, Case] = {
     "another size": Case(table(None), RATE | {"rows": 5, "cols": 6}, asks="--rows and --cols"),
     "a word to skip": csv(None, WORDS, options=RATE | {"skip": 1, "rows": 5, "cols": 5}, asks="--skip"),
     "a time without a unit": csv(flat, {"t": every("{}")}, options=SIZE, asks="--time-unit"),
-    "a time that falls": csv(None, {"": every("{}", -1)}, options=BY_NUMBER, asks="of the frame before"),
+    "a time that falls": csv(
+        None, {"": every("{}", -1)}, options=BY_NUMBER, asks="later than the frame before"
+    ),
     "halves before the taxels": csv(None, {"": seconds(25)}, options=SIZE, asks="--skip N, --taxels"),
     "a value too many": Case(table(None).replace("\n", ",1\n", 1), SIZE | RATE, asks="line 2"),
     "an empty file": Case("", SIZE, asks="at least one line"),
