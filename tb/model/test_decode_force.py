@@ -160,6 +160,7 @@ def test_a_calibration_survives_its_file(tmp_path: Path) -> None:
         ("v_bias_v = 0.5", "v_bias_v = -0.5", "v_bias_v must be finite and 0 or above"),
         ("law_part = 0.0", "law_part = -1.0", "law_part must be finite and 0 or above"),
         ("noise_code = 0.0", "noise_code = -1.0", "noise_code must be finite and 0 or above"),
+        ("step_part = [\n    0.0,", "step_part = [\n    true,", "chip.step_part"),
         ("[chip]", "[chip", "file = "),
     ],
 )

@@ -390,7 +390,11 @@ class _Table:
         """Return an array of one of some shapes; None is any length."""
         found = self.value(key, (int, float, list))
         try:
-            array = np.asarray(found, dtype=float)
+            # As objects, or true beside numbers would be 1.
+            cells = np.asarray(found, dtype=object)
+            if any(isinstance(cell, bool | str) for cell in cells.flat):
+                raise TypeError
+            array = cells.astype(float)
         except (ValueError, TypeError):
             raise self._wrong(key, found, "numbers in equal rows") from None
         if array.shape not in shapes and not (shapes == (None,) and array.ndim == 1):
