@@ -224,6 +224,22 @@ def test_plates_on_an_ideal_sheet_give_a_calibration(count: int) -> None:
     assert Decoder(fit.calibration, 2e-3).decode(ideal.read(force)).holds(force).mean() >= 0.999
 
 
+def test_the_network_is_that_of_the_least_residual() -> None:
+    """A single search, with the offsets of columns, ends beside it on this sheet: without a lateral."""
+    rng = np.random.default_rng(10)
+    row, column, lateral = rng.uniform((1, 0.5, 300), (10, 10, 5000))
+    ohm = {"row_driver": row, "column_input": column, "lateral": lateral}
+    effects = {name: {"r_ohm": float(r)} for name, r in ohm.items()} | {"sensor_spread": True}
+    sheet = Skin(array={"rows": SIZE, "cols": SIZE}, effects=effects)
+    known = dataclasses.replace(Calibration.of_plan(sheet.plan), network={}, factor=1.0)
+    plates = np.full((8, SIZE, SIZE), 1.0) * np.linspace(1, 12, 8)[:, None, None]
+    parts = session.rectangles(rng, rng.choice([2.0, 5.0, 8.0, 12.0], 4), SIZE, SIZE)
+    force = np.concatenate([plates, parts])
+    fit = identify.fit_sheet(known, weights(force, sheet.read(force)), "linear")
+    assert fit.calibration.network["g_lateral_row_s"] == pytest.approx(1 / lateral, rel=0.1)
+    assert fit.remarks["g_lateral_row_s"] == identify.PLATES
+
+
 @pytest.mark.parametrize("pair", [(2, 9), (0, 1), (5, 12)])
 def test_two_loads_that_are_swapped_are_named_or_refused(pair: tuple[int, int]) -> None:
     made = list(loads())

@@ -23,6 +23,8 @@ NETWORK_START = {
     "r_trace_column_ohm": 0.05,
 }  # fmt: skip
 """Parameters of the network that loads can identify, and the start of the search."""
+PLATES = "is less certain than that: most loads press all taxels alike; add loads on parts of the sheet"
+"""Remark on the network, which was up to 40 of its standard uncertainties off with plates alone."""
 NETWORK_PRIOR = 100.0
 """Standard deviation of these parameters before loads are read, in units of that start: what loads do not show has no
 value beyond any sheet."""
@@ -172,8 +174,10 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     if bad or fit.calibration.own or forces.size > LEVELS:  # else it is this fit once more
         # Now that the wrong loads are out, neighbouring forces tell the droop of a load from its force.
         fit, _ = _fit_loads(calibration, good, kind, own, LEVELS)
+    remarks = dict.fromkeys(NETWORK_START, PLATES) if _mostly_plates(good) else {}
+    remarks = {name: remark for name, remark in remarks.items() if name in fit.values} | fit.remarks
     notes = [f"load {name} was left out: it contradicts the others" for name in bad]
-    notes += [f"{name}: {remark}" for name, remark in fit.remarks.items()]
+    notes += [f"{name}: {remark}" for name, remark in remarks.items()]
     notes += [f"taxel {r} {c} {reason}" for (r, c), reason in bad_taxels.items()]
     part = np.where(unread, UNKNOWN_PART, fit.calibration.factor_part)
     made = dataclasses.replace(fit.calibration, factor_part=part, notes=(*calibration.notes, *notes))
@@ -181,8 +185,18 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     made = _turn_on(made, read, np.nan_to_num([load.force_n.ravel() for load in good]))
     elsewhere = tuple(_elsewhere(made, good, bad_taxels))
     return dataclasses.replace(
-        fit, calibration=made, bad=tuple(bad), bad_taxels=bad_taxels, elsewhere=elsewhere
+        fit, calibration=made, remarks=remarks, bad=tuple(bad), bad_taxels=bad_taxels, elsewhere=elsewhere
     )
+
+
+def _mostly_plates(loads: list[Load]) -> bool:
+    """Return True if most loads press all taxels alike.
+
+    Neighbouring taxels then read nearly the same, and so do their roundings, which the uncertainties take for
+    independent of each other.
+    """
+    plates = sum(np.nanmin(load.force_n) == np.nanmax(load.force_n) for load in loads)
+    return plates > len(loads) / 2
 
 
 def _elsewhere(made: Calibration, loads: list[Load], bad_taxels: Iterable[tuple[int, int]]) -> Iterator[str]:
@@ -282,7 +296,9 @@ def _fit_network(
     held_by_board = ("r_column_ohm", *TRACES) if calibration.divider else ()
     every = [n for n in NETWORK_START if n not in held_by_board]
     plain = [n for n in every if n not in TRACES]
-    x, _, _ = search(plain, np.r_[np.full(len(plain), 2.0), np.ones(0 if calibration.divider else cols)])
+    # Without offsets at first: a search for all at once may end beside the least residual.
+    x, _, _ = search(plain, np.full(len(plain), 2.0))
+    x, _, _ = search(plain, np.r_[x, np.ones(0 if calibration.divider else cols)])
     offsets = x[len(plain) :]
     known_before = known
     known = dataclasses.replace(known, **fields([], offsets))
