@@ -72,6 +72,7 @@ VERILOG = """`timescale 1ns / 1ps
 module own (input clk, input clk_b, input rst_n, input comp, input comp_b, output reg dac, output reg [3:0] code,
             output reg other, output reg late, output reg caught, output reg fell, output reg pulse);
   real level;
+  reg [3:0] memory [0:3];
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin dac <= 0; code <= 0; level <= 0.0; end
     else begin dac <= comp; code <= code + 4'd1; level <= 0.125 * code; end
@@ -105,7 +106,8 @@ c2 y 0 1p
 
 
 def cosim(inputs, outputs={"dut.comp": Compare("x", above=0.5)}, more="", **options):
-    options = dict(clock="dut.clk", period_s=1e-6, reset="dut.rst_n", step_s=1e-8, log="own.log") | options
+    period_s = 1e-6 if isinstance(options.get("clock", ""), str) else None
+    options = dict(clock="dut.clk", period_s=period_s, reset="dut.rst_n", step_s=1e-8, log="own.log") | options
     return Cosim(RC + more, inputs, outputs, **options)
 
 
@@ -185,6 +187,10 @@ TESTS = {
         (dict(clock={"dut.clk": 1e-6, "dut.clk_b": 1.2345678e-7}), "unit of time"),
         (dict(period_s=1 / 48e6), "unit of time"),
         (dict(clock="dut.comp"), "a net that the circuit does not drive"),
+        (dict(reset="dut.comp"), "a net that the circuit does not drive"),
+        (dict(clock={"dut.clk": 1e-6}, period_s=1e-6), "none beside periods by net"),
+        (dict(period_s="1u"), "finite numbers"),
+        (dict(clock="dut.code"), "one bit"),
     ):
         try:
             sim = cosim({"dut.dac": Drive("vd_a")}, **{"step_s": None} | options)
@@ -192,8 +198,21 @@ TESTS = {
         except DermisError as error:
             found = str(error)
         assert words in found and chr(10) not in found, (options, found)
+    for inputs, outputs, words in (
+        ({"dut.dac": "vd_a"}, {}, "a Drive"),
+        ({"dut.dac": Drive(None)}, {}, "a Drive"),
+        ({"dut.dac": Drive("vd_a", low="0")}, {}, "finite numbers"),
+        ({}, {"dut.comp": "x"}, "a Compare"),
+        ({}, {"dut.comp": Compare("x", above="0.5")}, "finite numbers"),
+    ):
+        try:
+            found = cosim(inputs, outputs)
+        except DermisError as error:
+            found = str(error)
+        assert words in found and chr(10) not in found, found
     for inputs, words in (
         ({"dut.nothing": Drive("vd_a"), "dut.dac": Drive("vd_b")}, "dut.nothing"),
+        ({"dut.memory": Drive("vd_a"), "dut.dac": Drive("vd_b")}, "no memory"),
         ({"dut.code": Drive(("vd_a", "vd_b"))}, "one source, or 4"),
         ({"dut.dac": Drive("vd_a")}, "vd_b"),
         ({"dut.dac": Drive("vd_a"), "dut.other": Drive("VD_A")}, "VD_A: a source that no other"),
@@ -212,8 +231,11 @@ TESTS = {
         sim = cosim({"dut.caught": Drive("vd_a"), "dut.level": Drive("nothing")})
         assert "vd_b" in await said(dut, sim)
         wrong = ("x1 x none", "none"), ("c9 alone 0 1p", "alone"), (".include none.inc", "none.inc")
-        for more, words in (*wrong, (".tran 1n 1u uic", "no analysis")):
-            assert words in await said(dut, cosim(inputs, {}, more)), words
+        for more, words in (*wrong, (".tran 1n 1u uic", "no analysis"),
+                     (".options reltol=1e-6 interp", "interp"), ("*# set interp", "no .control block or *# command"),
+                     ("o1 x 0 y 0 line" + chr(10) + ".model line ltra r=1 l=1u c=1n len=1", "lossless")):
+            found = await said(dut, cosim(inputs, {}, more))
+            assert words in found, (words, found)
         assert "nowhere" in await said(dut, cosim(inputs, probes=["nowhere"]))
     sim = cosim(inputs, probes=["d_a"])
     assert await said(dut, sim, 10) == "" and int(dut.code.value) in (9, 10, 11), "one clock drives it"
@@ -307,7 +329,7 @@ TESTS = {
     for above in (0.1037, 0.4371):
         outputs = {"dut.comp_b": Compare("p", above=above)}
         inputs = {"dut.caught": Drive("vd_a"), "dut.fell": Drive("vd_b")}
-        sim = cosim(inputs, outputs, ramp, clock=None, period_s=None, reset=None, step_s=1e-9, settle_s=4e-7)
+        sim = cosim(inputs, outputs, ramp, clock=None, reset=None, step_s=1e-9, settle_s=4e-7)
         async with sim.running(dut):
             began = get_sim_time("step")
             await RisingEdge(dut.comp_b)
@@ -349,6 +371,36 @@ TESTS = {
         for n in range(1, len(t)):
             exact = exact * math.exp(-(t[n] - t[n - 1]) / 1e-6) + gained
             assert abs(x[n] - exact) < 1e-4, (step, n, x[n], exact)  # of ngspice; 0.01 was lost
+""",
+    "a_circuit_without_a_source_of_the_verilog": """
+    sine = "a sine" + chr(10) + "v1 x 0 sin(0 1 100k)" + chr(10) + "r1 x y 1k" + chr(10) + "c1 y 0 1p" + chr(10)
+    outputs, given = {"dut.comp_b": Compare("x", above=0.1, crossing=True)}, dict(step_s=1e-8, log="own.log")
+    for clock in (dict(clock="dut.clk", period_s=1e-6, reset="dut.rst_n"), {}):
+        sim = Cosim(sine, {}, outputs, probes="y", **given, **clock)
+        async with sim.running(dut):
+            await Timer(55, unit="us")
+        above = sim.samples["x"] > 0.1 - 1e-9
+        rises = above[1:] & ~above[:-1]
+        assert rises.sum() == 6 and len(sim.samples["y"]) == len(sim.times), rises.sum()
+    # an input that its netlist lacks leaves the process to the next circuit
+    wrong = Cosim(sine, {"dut.dac": Drive("v1")}, outputs, clock="dut.clk", period_s=1e-6, reset="dut.rst_n", **given)
+    assert "an external source" in await said(dut, wrong)
+    sim = Cosim(sine, {}, outputs, clock="dut.clk", period_s=1e-6, reset="dut.rst_n", **given)
+    assert await said(dut, sim) == ""
+""",
+    "crossings_faster_than_the_verilog_is_told": """
+    sine = "a sine" + chr(10) + "v1 x 0 sin(0 1 10meg)" + chr(10) + "r1 x 0 1k" + chr(10)
+    for settle_s, words in ((1e-7, "follow each other faster"), (0.0, "")):
+        sim = Cosim(sine, {}, {"dut.comp_b": Compare("x", above=0.1)}, step_s=1e-8, settle_s=settle_s, log="own.log")
+        found = ""
+        try:
+            async with sim.running(dut):
+                await Timer(2, unit="us")
+        except DermisError as error:
+            found = str(error)
+        assert words in found and bool(words) == bool(found), found
+    # the circuit is ahead of the Verilog by one crossing
+    assert (np.abs(sim.samples["x"] - 0.1) < 1e-9)[sim.times <= 2e-6].sum() == 40, sim.samples
 """,
     "an_x_is_named": """
     assert "own.dac is x" in await said(dut, cosim({"dut.dac": Drive("vd_a"), "dut.late": Drive("vd_b")}, reset=None))

@@ -427,7 +427,12 @@ static int proceed(void)
             return 0;
         if (!crossed)
             break;
-        at = tick_from(lp.now) > tick ? tick_from(lp.now) : tick + 1;
+        tick_t exact = tick_from(lp.now);
+        at = exact > tick ? exact : tick + 1;
+        /* once for each comparator the HDL may be told so late: after that it would never catch up */
+        if (at - exact > (tick_t)(lp.n_crossing + 1) * (loop.settle + 1))
+            return wrong("at %.9g s crossings follow each other faster than the Verilog is told of them, which takes "
+                         "settle_s and a unit of time each: it is %.3g s behind", lp.now, seconds(at) - lp.now);
         if (!edge || at + loop.settle + 1 < edge)
             break;
         crossed = false, at = edge; /* so near the clock edge that it belongs to it */

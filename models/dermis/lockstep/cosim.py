@@ -9,6 +9,7 @@ from asyncio import CancelledError
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import ExitStack, asynccontextmanager
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ RESET_CLOCKS = 3
 START_TRIES = 1000  # to find a time that is clear of the edges of all clocks
 IDLE_STEPS = 100  # without a clock, the HDL is met after so many of the largest steps without a crossing
 END_S = 1e3  # end of the transient: no run is as long
+IDLE = "v_dermis_idle"
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Cosim:
         change at rising edges. None for a circuit without a clock, whose comparators are then all crossings.
     period_s : period of the one clock
     reset : net that is low before the circuit starts, or Reset
-    probes : nodes that are in `samples` as well
+    probes : nodes that are in `samples` as well; or one
     step_s : largest step of ngspice; the shortest period by default
     settle_s : nets that change up to so long after a clock edge or crossing (a delay in the Verilog) are exact as well
     both_edges : nets change, and comparators are read, at falling edges of the clocks as well
@@ -109,7 +111,7 @@ class Cosim:
         clock: str | Mapping[str, float] | None = None,
         period_s: float | None = None,
         reset: str | Reset | None = None,
-        probes: Sequence[str] = (),
+        probes: str | Sequence[str] = (),
         step_s: float | None = None,
         settle_s: float = 0.0,
         both_edges: bool = False,
@@ -123,21 +125,39 @@ class Cosim:
             except OSError as error:
                 raise self._wrong("netlist", text, f"a file, or text: {error.strerror}") from None
         self._lines = re.split(r"\n[ \t]*\.end\b", text, maxsplit=1, flags=re.IGNORECASE)[0].splitlines()
-        if isinstance(clock, str):
-            if period_s is None:
-                raise self._wrong("period_s", None, f"the period of {clock} in seconds")
-            clock = {clock: period_s}
-        self._clocks = dict(clock or {})
-        if driven := [net for net in self._clocks if net in outputs]:
-            raise self._wrong("clock", driven[0], "a net that the circuit does not drive: it is in outputs")
+        self._reset = Reset(reset) if isinstance(reset, str) else reset
+        sources = {net: _several(getattr(drive, "source", None), str) for net, drive in inputs.items()}
+        self._inputs = {net: (drive, sources[net]) for net, drive in inputs.items()}
+        self._outputs = {net: _several(bits, Compare) for net, bits in outputs.items()}
+        for net, (drive, own) in self._inputs.items():
+            if not isinstance(drive, Drive) or not all(isinstance(source, str) for source in own):
+                raise self._wrong(net, drive, "a Drive with names of sources")
+        for net, bits in self._outputs.items():
+            if not all(isinstance(bit, Compare) for bit in bits):
+                raise self._wrong(net, outputs[net], "a Compare, or one for each bit")
+        if isinstance(clock, str) == (period_s is None) and clock is not None:
+            raise self._wrong("period_s", period_s, "that of the one clock; none beside periods by net")
+        self._clocks = {clock: period_s} if isinstance(clock, str) else dict(clock or {})
+        numbers = {net: (drive.low, drive.high, drive.edge_s) for net, (drive, _) in self._inputs.items()}
+        numbers |= {net: tuple(bit.above for bit in bits) for net, bits in self._outputs.items()}
+        numbers |= {"clock, period_s": self._clocks.values(), "settle_s": (settle_s,)}
+        numbers |= {"step_s": () if step_s is None else (step_s,)}
+        for key, values in numbers.items():
+            if not all(isinstance(value, Real) and math.isfinite(value) for value in values):
+                raise self._wrong(key, ", ".join(map(repr, values)), "finite numbers")
+        for net in (*self._clocks, *([] if self._reset is None else [self._reset.net])):
+            if net in outputs:
+                raise self._wrong("clock, reset", net, "a net that the circuit does not drive")
         shortest = min(self._clocks.values(), default=math.inf)
         self._both_edges = both_edges
         self._step_s = shortest if step_s is None else step_s
-        if not 0.0 < self._step_s < math.inf or shortest <= 0.0:
-            raise self._wrong("step_s, period_s", (step_s, period_s), "times above 0; without a clock step_s")
-        self._inputs = {net: (drive, _several(drive.source, str)) for net, drive in inputs.items()}
-        self._outputs = {net: _several(bits, Compare) for net, bits in outputs.items()}
-        for net, drive in inputs.items():
+        if not 0.0 < self._step_s < math.inf or shortest <= 0.0 or settle_s < 0.0:
+            given, allowed = (
+                f"{step_s}, {period_s}, {settle_s}",
+                "above 0, settle_s from 0; without a clock step_s",
+            )
+            raise self._wrong("step_s, period_s, settle_s", given, allowed)
+        for net, (drive, _) in self._inputs.items():
             between = 0.5 * shortest if both_edges else shortest
             if not 0.0 < drive.edge_s < between:
                 allowed = f"above 0 and below {between:g} s, the time between edges"
@@ -145,13 +165,7 @@ class Cosim:
         for net, bits in self._outputs.items():
             if len({bit.crossing for bit in bits}) != 1:
                 raise self._wrong(net, bits, "bits that all, or none of them, are crossings")
-        levels = {net: (drive.low, drive.high) for net, drive in inputs.items()}
-        levels |= {net: tuple(bit.above for bit in bits) for net, bits in self._outputs.items()}
-        for key, values in {**levels, "clock, settle_s": (*self._clocks.values(), settle_s)}.items():
-            if not all(map(math.isfinite, values)) or settle_s < 0.0:
-                raise self._wrong(key, values, "finite numbers; settle_s from 0")
-        self._reset = Reset(reset) if isinstance(reset, str) else reset
-        self._nodes = [c.node for bits in self._outputs.values() for c in bits] + list(probes)
+        self._nodes = [c.node for bits in self._outputs.values() for c in bits] + [*_several(probes, str)]
         self._settle_s, self._log = settle_s, Path(log)
         self.times: NDArray[np.float64] = np.zeros(0)
         self.samples: dict[str, NDArray[np.float64]] = {}
@@ -257,12 +271,21 @@ class Cosim:
         return loop, half, times, longest
 
     def _handle(self, dut: Any, net: str) -> Any:
+        import cocotb
+        from cocotb.handle import ArrayObject, ValueObjectBase
+
         top, *names = net.split(".")
         handle = dut
         for name in names:
             handle = getattr(handle, name, None)
-        if top != "dut" or not names or handle is None:
-            raise self._wrong("net", net, f"dut.NAME, a net of {dut._name}")
+        usable = isinstance(handle, ValueObjectBase) and not isinstance(handle, ArrayObject)
+        if top != "dut" or not names or not usable:
+            allowed = (
+                f"dut.NAME: a bit, a vector or a real in {dut._name} that {cocotb.SIM_NAME} finds; no memory"
+            )
+            raise self._wrong("net", net, allowed)
+        if net in self._clocks and width(handle) != 1:
+            raise self._wrong("clock", net, "a net of one bit")
         return handle
 
     def _connect(self, loop: ClockLoop, handles: Mapping[str, Any]) -> None:
@@ -288,16 +311,18 @@ class Cosim:
 
     def _circuit(self, levels: Sequence[float]) -> NgspiceHalf:
         drives = [(name, drive.edge_s, drive.abrupt) for drive, own in self._inputs.values() for name in own]
-        names, edges_s, abrupt = zip(*drives, strict=True) if drives else ((), (), ())
-        circuit = tuple(self._lines), names, tuple(levels), abrupt, tuple(self._nodes)
+        # Another source, by which a circuit without any can be ended as well.
+        shortest = min((edge_s for _, edge_s, _ in drives), default=self._step_s)
+        names, edges_s, abrupt = zip(*drives, (IDLE, shortest, not drives), strict=True)
+        lines = (*self._lines, f"{IDLE} dermis_idle 0 external")
+        circuit = lines, names, (*levels, 0.0), abrupt, tuple(self._nodes)
         deck = Deck(*circuit, edges_s=edges_s, own_steps=any(abrupt) or netlist_faults.breaks(self._lines))
-        shortest = min(edges_s, default=self._step_s)
         return NgspiceHalf(deck, t_edge_s=shortest, t_max_step_s=self._step_s, t_stop_s=END_S, log=self._log)
 
 
 def _several(given: Any, kind: type) -> tuple[Any, ...]:
-    """Return one or several of a kind as several."""
-    return (given,) if isinstance(given, kind) else tuple(given)
+    """Return one or several of a kind as several; what is neither as one."""
+    return tuple(given) if isinstance(given, Sequence) and not isinstance(given, kind) else (given,)
 
 
 def _with_paths(text: str, folder: Path) -> str:

@@ -12,7 +12,9 @@ from dermis.errors import InputError
 
 _OPENS, _CLOSES = (".subckt", ".if"), (".ends", ".endif")
 _ANALYSES = r"\.(ac|dc|op|tran|noise|disto|pz|sens|tf|sp|pss|four|meas\w*)\b"
-_WATCHED = re.compile(rf"[viatoyp]|\.(control|subckt|ends|if|endif|inc|lib)|{_ANALYSES}", re.IGNORECASE)
+_WATCHED = re.compile(
+    rf"\*#|[viatoyp]|\.(control|subckt|ends|if|endif|inc|lib|opt)|{_ANALYSES}", re.IGNORECASE
+)
 _BREAKS = re.compile(r"[atoyp]|\.lib|[vi].*[\s=](pulse|pwl|exp|pat|trnoise|trrandom)\b", re.IGNORECASE)
 """Cards of sources with corners, delayed lines, digital events, and files that are not read here."""
 _ELEMENTS = re.compile(r"\s*([a-z]|\.inc|\.lib)", re.IGNORECASE)
@@ -28,7 +30,9 @@ def refuse(lines: Sequence[str]) -> None:
 
     - An external source with a value: libngspice 39 crashes (exit 139).
     - An external current source: nothing drives it.
-    - `.control`: its commands run while the deck is read, and `quit` ends ngspice.
+    - `.control`, and a comment `*#`: their commands run while the deck is read, and `quit` ends ngspice.
+    - The option `interp`: samples would be those of other times, also in later circuits.
+    - A lossy line of type `o`: ngspice takes memory for all steps that the longest run could have.
     - An analysis, such as `.tran` with `uic`: it would not be run.
     - Two voltage sources across the same nodes, outside subcircuits: a singular matrix, which ngspice reports
       for one of their branches.
@@ -43,8 +47,14 @@ def refuse(lines: Sequence[str]) -> None:
     for place, line in _cards(lines[1:], Path("netlist"), 2):
         words = re.split(r"[\s=(),]+", line.lower().strip())
         name, ends, value = words[0], frozenset("0" if w == "gnd" else w for w in words[1:3]), words[3:]
-        if name == ".control":
-            raise InputError(*place, line, "no .control block: the co-simulation gives the commands")
+        if name == ".control" or name.startswith("*#"):
+            raise InputError(
+                *place, line, "no .control block or *# command: the co-simulation gives the commands"
+            )
+        if name.startswith(".opt") and "interp" in words:
+            raise InputError(*place, line, "without interp, which moves the samples to other times")
+        if name[0] == "o":
+            raise InputError(*place, line, "a lossless line t, or a lossy one of type y (txl)")
         if re.fullmatch(_ANALYSES, name):
             raise InputError(*place, line, "no analysis: the co-simulation runs its own transient")
         if name[0] not in "vi.":
@@ -75,7 +85,7 @@ def _cards(lines: Iterable[str], file: Path, first: int, depth: int = 0) -> Iter
     """Yield the lines that are looked at, continued ones joined, with file and line."""
     number, card = 0, ""
     for at, line in enumerate((*lines, ""), first):
-        if line.startswith("*"):  # may stand before a continuation
+        if line.startswith("*") and not line.startswith("*#"):  # may stand before a continuation
             continue
         if line.startswith("+"):
             card += f" {line[1:]}"
