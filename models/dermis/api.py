@@ -191,7 +191,8 @@ def newtons(
     scene : path, name, dict or Result
         What the codes were read from: its sensor law, interface and, with `corrected`, its network.
     corrected : bool
-        Take off the known losses of row drivers, column inputs, traces and laterals.
+        Take off what the network and the converters of the scene do. Effects of the sheet, as its temperature, stay:
+        those are of a calibration (`Skin`, `dermis read --calibration`).
     design : path, dict or Design, optional
         As for `simulate`.
 

@@ -80,7 +80,7 @@ def whole(world: Scene, engine: str, auto: effects.AutoTable | None = None) -> P
         with np.errstate(divide="ignore"):
             return unit_ohm * timing.gate_clocks / (code + 0.0)
 
-    about = Surroundings(world.path, rows, cols, sensor, ohm_of_code, timing.frame_s)
+    about = Surroundings(world.path, rows, cols, sensor, ohm_of_code, timing.frame_s, t.code_max)
     made = make_frames(table.stimulus, about)
     board = None if table.front_end is None else FrontEnd.of_table(table.front_end, cols)
     aging = SensorState(**contribution.sensor), design.sensor.creep_start_s, setting_of(world).rng

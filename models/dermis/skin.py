@@ -333,7 +333,7 @@ class Skin(Threaded):
         elif chosen.size == 0:
             chosen = np.empty(0, dtype=np.int64)
         elif which is not None and chosen.shape == (sheets,) and sheets > 1 and chosen.max() <= 1:
-            said = "a mask or the numbers 0 and 1: use a mask of bool, or other numbers"
+            said = "a mask or the numbers 0 and 1: use a mask of bool"
             raise ValueError(f"which may be {said}")
         if chosen.dtype.kind not in "iu" or not ((chosen >= 0) & (chosen < sheets)).all():
             raise ValueError(f"which must be numbers of sheets 0..{sheets - 1}, or a mask of {sheets}")

@@ -17,6 +17,7 @@ from dermis.decode.decoder import SATURATED, SHORT, ZERO, Decoder
 from dermis.engines import closed
 from dermis.errors import InputError
 from dermis.scene import scene, sensor
+from dermis.skin import Skin
 
 CHIP = {
     "row_driver": {"r_ohm": 2.0}, "column_input": {"r_ohm": 1.0}, "lateral": True, "column_offset": {"v_v": 3e-4},
@@ -173,6 +174,18 @@ def test_a_broken_calibration_is_named_in_one_line(tmp_path: Path, old: str, new
         calibration.load(path)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_intervals_hold_a_load_that_was_out_of_sight_between_two_others() -> None:
+    """A load below half a code reads 0, and its creep may go on or not."""
+    skin = Skin({"array": {"rows": 1, "cols": 2}, "effects": {"sensor_creep": True}})
+    gaps = np.random.default_rng(19).uniform(0, 12, (4000, 1, 1)) * np.ones(2)
+    dip = np.concatenate(
+        [np.full((1000, 1, 2), 9.0), np.full((25, 1, 2), [0.02, 0.0]), np.full((100, 1, 2), 9.0)]
+    )
+    for force, t_frame_s in ((gaps, 4e-3), (dip, 2e-3)):
+        skin.reset()
+        assert skin.decode(skin.read(force, t_frame_s), t_frame_s).holds(force).all()
 
 
 @pytest.mark.paper

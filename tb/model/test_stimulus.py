@@ -13,11 +13,12 @@ import pytest
 from made_plans import refused
 from numpy.typing import NDArray
 
+import dermis
 from dermis import engines
 from dermis import plan as planning
 from dermis.errors import InputError
 from dermis.report.output import npy_bytes as npy
-from dermis.scene import stimulus
+from dermis.scene import design, stimulus
 
 T = 2e-3  # frame time of the chip with its 16 rows
 
@@ -340,6 +341,20 @@ def test_a_wrong_stimulus_or_file_is_one_line_that_names_the_place(
     error = complaint(write_scene, text, **files)
     assert error.key == key, error
     assert allowed in str(error)
+
+
+def test_codes_are_those_of_the_design() -> None:
+    """A chip of 12 bits counts to 4095 in 8190 clocks."""
+    fine = design.load().replace(
+        timing={"frame_s": 30e-3, "gate_clocks": 8190, "code_bits": 12},
+        sensor={"r_max_ohm": 64e3},
+    )
+    stimulus = {"kind": "uniform", "code": [0, 128, 4094]}
+    codes = dermis.simulate({"stimulus": stimulus}, engine="closed", design=fine).codes
+    assert [list(np.unique(frame)) for frame in codes] == [[0], [128], [4094]]
+    for design_, code, most in ((fine, 4096, 4095), (None, 256, 255)):
+        with pytest.raises(InputError, match=f"stimulus.code = {code}: .*0..{most}"):
+            dermis.simulate({"stimulus": stimulus | {"code": code}}, engine="closed", design=design_)
 
 
 @pytest.mark.paper

@@ -39,7 +39,8 @@ OVERLOAD = 4.0
 """Default of g_max_s: a saturated taxel conducts at most this many times full scale."""
 
 UNSEEN_DECADES = 0.05
-"""Creep in decades that loads below half a code cause unseen, as they come and go in some tens of milliseconds."""
+"""Creep in decades that a load below half a code causes unseen before it is in sight: 1.2 ms of it at the default start
+of creep. One that stays out of sight between two loads is followed (`memory.GAP_S`)."""
 
 _PER_COLUMN = "step_a start_code inv_i_range_a step_part start_sigma_code zero_code full_code".split()
 _NOT_NEGATIVE = "inv_i_range_a step_part start_sigma_code zero_code full_code factor factor_part".split()

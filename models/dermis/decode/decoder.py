@@ -21,9 +21,8 @@ from dermis.converter.vfc import code_type
 from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
 from dermis.decode.law import force_of
-from dermis.decode.memory import SheetMemory, check_out, undo_frame
+from dermis.decode.memory import SheetMemory, advance, check_out, undo_frame
 from dermis.ndarrays import Bools, Floats, unmasked
-from dermis.scene.sensor_loops import advance_creep
 
 ZERO, SATURATED, SHORT, UNSOLVED, NEAR_SATURATED = 1, 2, 4, 8, 16
 """Bits of Forces.flags."""
@@ -373,7 +372,7 @@ def _forces(k, flags, force, low, high):
 def _decode_frames(k, codes, dt_s, modes, solved, solved_off, memory, results):
     """Decode codes [frames, rows, cols] into `results`; `solved` is empty where `solve_frame` can do the network."""
     frames, rows, cols = codes.shape
-    z, past, moved, band, creep, loaded, frame, fresh, rate, rate_weight = memory
+    z, past, moved, band, creep, loaded, gone, frame, fresh, rate, rate_weight = memory
     work, through, offset_a = np.empty((12, rows, cols)), np.empty(cols), np.empty(cols)
     current, ceiling, down, up, e_down, e_up = work[0], work[1], work[2], work[3], work[4], work[5]
     g, near_low, near_high, spread, other, doubt = work[6], work[7], work[8], work[9], work[10], work[11]
@@ -401,11 +400,11 @@ def _decode_frames(k, codes, dt_s, modes, solved, solved_off, memory, results):
         _by_factor(k, codes[n], g, down, up, spread, offset_a, flags, force, low, high, near_low, near_high)
         if k.radius.size > 0 or k.per_decade != 0.0:
             if k.per_decade != 0.0 and not fresh:
-                advance_creep(creep, loaded, rate, rate_weight, dt_s[n])
+                advance(creep, loaded, rate, rate_weight, dt_s[n])
             flat = low.reshape(-1), force.reshape(-1), high.reshape(-1)
             near = near_low.reshape(-1), near_high.reshape(-1)
-            state, law = (z, past, moved, band, creep, loaded), (k.radius, k.weight, k.per_decade)
-            undo_frame(flat, near, state, frame, fresh, k.g_open, law)
+            state, law = (z, past, moved, band, creep, loaded, gone), (k.radius, k.weight, k.per_decade)
+            undo_frame(flat, near, state, frame, dt_s[n], fresh, k.g_open, law)
             frame += 1
             fresh = False
         _forces(k, flags, force, low, high)

@@ -25,6 +25,8 @@ HISTORY = 256
 """Frames that are kept to guess a return: returns that take up to 128 frames."""
 SLOW = 8
 """A force that came through less than a flat piece in this many frames is slow."""
+GAP_S = 0.1
+"""A load that is out of sight for no longer, below half a code, may have stayed there."""
 LONGEST_S = 1e7
 """Time over which creep is followed; a load of four months adds 1 part in 1e4 of a decade after that."""
 
@@ -136,12 +138,12 @@ def apply_frame(g, out, z, creep, loaded, fresh, radius, weight, per_decade):
             _move(x, z[0, t], radius)
             value = np.exp(y) if y > LOG_OPEN + 1.0 else 0.0
         if per_decade:
-            value *= 1.0 + per_decade * creep[t].sum()
+            value *= 1.0 + per_decade * creep[0, t].sum()
         out[t] = value
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def undo_frame(ends, near, state, frame, fresh, g_open, law):
+def undo_frame(ends, near, state, frame, dt_s, fresh, g_open, law):
     """Turn conductances of the sheet [taxels] and their ends into those by the law, in place.
 
     `ends` are the low end, the estimate and the high end, `near` the ends for the errors that change from frame to
@@ -149,16 +151,17 @@ def undo_frame(ends, near, state, frame, fresh, g_open, law):
 
     `state` is that of `SheetMemory.arrays`: `past` [taxels, HISTORY] holds the last estimates, `moved` [taxels, 2] the
     frame of the last movement and the frames between the last two, `band` [taxels, 2] the values that explain all
-    readings since.
+    readings since. `creep` [2, taxels, rates] is that of the loads in sight, and that if they stayed in gaps of up to
+    GAP_S, `loaded` [2, taxels] if there is load from now on, `gone` [taxels] the time since one was in sight.
     """
     low, g, high = ends
     near_low, near_high = near
-    z, past, moved, band, creep, loaded = state
+    z, past, moved, band, creep, loaded, gone = state
     radius, weight, per_decade = law
     for t in range(g.size):
         if per_decade:
-            factor = 1.0 / (1.0 + per_decade * creep[t].sum())
-            low[t] *= factor
+            factor = 1.0 / (1.0 + per_decade * creep[0, t].sum())
+            low[t] /= 1.0 + per_decade * creep[1, t].sum()
             g[t] *= factor
             high[t] *= factor
             near_low[t] *= factor
@@ -213,10 +216,19 @@ def undo_frame(ends, near, state, frame, fresh, g_open, law):
             low[t] = np.exp(x_low) if x_low > LOG_OPEN + 1.0 else 0.0
             if high[t] < np.inf:
                 high[t] = np.exp(x_high) if x_high > LOG_OPEN + 1.0 else high[t]
-        loaded[t] = g[t] > g_open
+        loaded[0, t] = g[t] > g_open
+        gone[t] = 0.0 if loaded[0, t] else gone[t] + dt_s
+        loaded[1, t] = gone[t] <= GAP_S
 
 
-_STATE = ("z", "past", "moved", "band", "creep", "loaded", "frame", "fresh")
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(creep, loaded, rate, weight, dt_s):
+    """Move both states of the creep on, as `undo_frame` has them."""
+    for k in range(2):
+        advance_creep(creep[k], loaded[k], rate, weight, dt_s)
+
+
+_STATE = ("z", "past", "moved", "band", "creep", "loaded", "gone", "frame", "fresh")
 
 
 class SheetMemory:
@@ -237,24 +249,25 @@ class SheetMemory:
         self._moved = np.zeros((taxels, 2), dtype=np.int64)
         self._band = np.zeros((taxels, 2))
         self._frame = 0
-        self._creep = np.zeros((taxels, self._rate.size))
-        self._loaded = np.zeros(taxels, dtype=np.bool_)
+        self._creep = np.zeros((2, taxels, self._rate.size))
+        self._loaded = np.zeros((2, taxels), dtype=np.bool_)
+        self._gone = np.full(taxels, np.inf)
         self._fresh = True
 
     def _step(self, dt_s: float) -> None:
         if not 0 <= dt_s < np.inf:
             raise ValueError(f"time runs backwards: a step of {dt_s} s")
         if self._rate.size and not self._fresh:
-            advance_creep(self._creep, self._loaded, self._rate, self._weight, dt_s)
+            advance(self._creep, self._loaded, self._rate, self._weight, dt_s)
 
     def apply(self, conductance_s: Floats, dt_s: float) -> Floats:
         """Return the sheet's conductances for those by the law, [taxels], dt_s after the frame before."""
-        g = argument(conductance_s, "conductance_s", self._loaded.shape, 0.0)
+        g = argument(conductance_s, "conductance_s", self._gone.shape, 0.0)
         out = np.empty_like(g)
         self._step(dt_s)
         memory = self._z, self._creep, self._loaded, self._fresh
         apply_frame(g, out, *memory, self.law.radius, self.law.weight, self.law.creep_per_decade)
-        np.greater(g, self._g_open_s, out=self._loaded)
+        self._loaded[:] = g > self._g_open_s
         self._fresh = False
         return out
 
@@ -266,17 +279,18 @@ class SheetMemory:
         """
         ends = low_s, conductance_s, high_s
         for name, array in zip(("low_s", "conductance_s", "high_s"), ends, strict=True):
-            if not (check_out(array, self._loaded.shape, float, name) >= 0).all():
+            if not (check_out(array, self._gone.shape, float, name) >= 0).all():
                 raise ValueError(f"{name} must be 0 or above")
         self._step(dt_s)
-        state, law = self.arrays()[:6], (self.law.radius, self.law.weight, self.law.creep_per_decade)
-        undo_frame(ends, (low_s.copy(), high_s.copy()), state, self._frame, self._fresh, self._g_open_s, law)
+        state, law = self.arrays()[:7], (self.law.radius, self.law.weight, self.law.creep_per_decade)
+        near = low_s.copy(), high_s.copy()
+        undo_frame(ends, near, state, self._frame, dt_s, self._fresh, self._g_open_s, law)
         self._fresh = False
         self._frame += 1
 
     def arrays(self) -> tuple:
         """Return the state and the creep kernel for a compiled loop over frames; `passed` follows it."""
-        state = self._z, self._past, self._moved, self._band, self._creep, self._loaded
+        state = self._z, self._past, self._moved, self._band, self._creep, self._loaded, self._gone
         return (*state, self._frame, self._fresh, self._rate, self._weight)
 
     def passed(self, frames: int) -> None:

@@ -7,7 +7,11 @@ EFFECTS = (
     exact_effect(
         "charge_packet",
         "relative error of every packet",
-        {"packet_error": column("Relative error of every packet", 0.03, (1e-4, 0.05), gt=-1)},
+        {
+            "packet_error": column(
+                "Relative error of every packet; that of reference_drift is added", 0.03, (1e-4, 0.05), gt=-1
+            )
+        },
         {"packet_error": "charge.packet_error"},
         converter={"packet_error": "packet_error"},
     ),

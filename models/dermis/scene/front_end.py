@@ -54,7 +54,7 @@ class FrontEndTable(Strict):
     )
     zero_count: float | None = entry(
         None,
-        "transimpedance: count without force",
+        "transimpedance: count without force, the mean of readings by this ADC, so that it has its rounding in it",
         "a number >= 0; with circuit transimpedance it must be given",
         ge=0,
     )
@@ -74,7 +74,7 @@ class FrontEndTable(Strict):
     )
     multiplexer_ohm: float = entry(0.0, "On-resistance in series with every row, in ohm", ge=0)
     rounding: Literal["nearest", "down"] = entry(
-        "nearest", "How the ADC rounds: to the nearest count, or down"
+        "nearest", "divider: how the ADC rounds, to the nearest count or down"
     )
     r_min_ohm: float | None = entry(
         None,

@@ -8,8 +8,11 @@ from numba import njit
 @njit(cache=True, nogil=True, error_model="numpy")
 def advance_creep(creep, loaded, rate, weight, dt_s):
     """Move the creep states [taxels, rates] on by a time in which `loaded` [taxels] taxels carried load."""
+    kept, gained = np.empty(rate.size), np.empty(rate.size)
     for m in range(rate.size):
-        kept = np.exp(-rate[m] * dt_s)
-        gained = (1.0 - kept) * weight[m]
-        for t in range(loaded.size):
-            creep[t, m] = kept * creep[t, m] + (gained if loaded[t] else 0.0)
+        kept[m] = np.exp(-rate[m] * dt_s)
+        gained[m] = (1.0 - kept[m]) * weight[m]
+    for t in range(loaded.size):
+        on = 1.0 if loaded[t] else 0.0
+        for m in range(rate.size):
+            creep[t, m] = kept[m] * creep[t, m] + on * gained[m]

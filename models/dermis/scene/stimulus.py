@@ -27,8 +27,6 @@ FILE_BYTES_MAX = 1 << 28
 # A recording saved by numpy.savez has tens of arrays.
 NPZ_MEMBERS_MAX = 4096
 
-CODE_MAX = 255
-
 
 @dataclass(frozen=True)
 class Frames:
@@ -49,6 +47,7 @@ class Surroundings:
     sensor: Sensor
     ohm_of_code: Callable[[Floats], Floats]
     t_frame_s: float
+    code_max: int
     where: str = "stimulus"
 
     def wrong(self, key: str, value: Any, allowed: str) -> InputError:
@@ -60,7 +59,7 @@ Force = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Forces = Force | Annotated[list[Force], Field(min_length=1)]
 Points = Annotated[list[Force], Field(min_length=2)]
 Ohm = Annotated[float, Field(ge=0, allow_inf_nan=True)]
-Code = Annotated[int, Field(ge=0, le=CODE_MAX)]
+Code = Annotated[int, Field(ge=0, le=65535)]
 Select = Literal["all", "first", "last"] | Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)]
 Shape = Literal["flat", "triangular", "cylindrical", "spherical", "round"]
 Seconds = Annotated[float, Field(ge=1e-9, le=1e9)]
@@ -219,8 +218,8 @@ class UniformTable(_Timed):
     force_n: Forces | None = entry(None, "Force in N", _FORCE)
     code: Code | Annotated[list[Code], Field(min_length=1)] | None = entry(
         None,
-        "Resistance with this ideal code: x = code / 510",
-        "a whole number 0..255, or a list of them, one a frame",
+        "Resistance with this ideal code: x = code / timing.gate_clocks, 510 in the stored design",
+        "a whole number 0..255 (of another design 0..timing.code_max), or a list of them, one a frame",
     )
     r_ohm: Ohm | Annotated[list[Ohm], Field(min_length=1)] | None = entry(
         None,
@@ -266,7 +265,7 @@ class FramesTable(_Stored):
     kind: Literal["frames"] = entry(..., "Frames from a file")
     unit: Literal["codes", "newtons"] = entry(
         ...,
-        "codes: 0..255, each for the resistance with this ideal code (x = code / 510); "
+        "codes: 0..timing.code_max, each for the resistance with this ideal code (x = code / timing.gate_clocks); "
         "newtons: force on the taxel",
     )
     scale: float = entry(1.0, "Factor on every force, after the unit", ge=0)
@@ -391,6 +390,8 @@ def _one_of(table: Strict, keys: tuple[str, ...], about: Surroundings) -> str:
 def _uniform(table: UniformTable, about: Surroundings) -> Frames:
     key = _one_of(table, ("force_n", "code", "r_ohm"), about)
     steps = _frame_steps(getattr(table, key), key, about)
+    if key == "code" and steps.max() > about.code_max:
+        raise about.wrong(key, f"{steps.max():g}", f"0..{about.code_max}, the codes of this design")
     steps = np.tile(steps[:, np.newaxis, np.newaxis], (1, about.rows, about.cols))
     if key == "force_n":
         return _in_time(table, about, about.sensor.resistance_ohm(steps), steps)
@@ -529,7 +530,7 @@ def read_frames(table: _Stored, about: Surroundings) -> Floats:
         values = _shaped(np.asarray(table._given()), table.file, about)
     else:
         values = _read_file(table, about)
-    _check_values(values, table.file, table)
+    _check_values(values, table.file, table, about.code_max)
     # -0.0 becomes 0.0: 1 / -0.0 would be -inf.
     return values[_selected(table, values.shape[0], about)] + 0.0
 
@@ -558,13 +559,13 @@ def _selected(table: _Stored, frames: int, about: Surroundings) -> list[int] | s
     return list(table.select)
 
 
-def _check_values(values: Floats, shown: str, table: _Stored) -> None:
+def _check_values(values: Floats, shown: str, table: _Stored, code_max: int) -> None:
     codes = isinstance(table, FramesTable) and table.unit == "codes"
     if isinstance(table, ResistanceTable):
         good, allowed = values >= 0, "a resistance >= 0 in ohm (inf is legal)"
     elif codes:
-        good = (values >= 0) & (values <= CODE_MAX) & (np.floor(values) == values)
-        allowed = f"a whole number 0..{CODE_MAX}"
+        good = (values >= 0) & (values <= code_max) & (np.floor(values) == values)
+        allowed = f"a whole number 0..{code_max}"
     else:
         good, allowed = (values >= 0) & np.isfinite(values), "a finite force >= 0 in newtons"
     if not good.all():
