@@ -340,22 +340,23 @@ if [[ ! $root/.venv -ef $venv ]]; then
     ln -s "$venv" "$root/.venv"
 fi
 
+# Without --no-compile half of the time goes into modules that nobody imports.
 touch "$building"
 step "installing $(grep -c == "$requirements") pinned Python packages into .venv" \
-    "$venv/bin/python" -m pip install --only-binary :all: -r "$requirements"
+    "$venv/bin/python" -m pip install --no-compile --only-binary :all: -r "$requirements"
 step "installing $(grep -c == requirements_bare.txt) more without what they ask for" \
-    "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_bare.txt
+    "$venv/bin/python" -m pip install --no-compile --only-binary :all: --no-deps -r requirements_bare.txt
 if [[ $extra == demo || $extra == browser ]]; then
     step "installing $(grep -c == requirements_demo.txt) Python packages of the demo" \
-        "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_demo.txt
+        "$venv/bin/python" -m pip install --no-compile --only-binary :all: --no-deps -r requirements_demo.txt
 fi
 if [[ $extra == fpga ]]; then
     step "installing $(grep -c == requirements_fpga.txt) Python packages for FPGAs" \
-        "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_fpga.txt
+        "$venv/bin/python" -m pip install --no-compile --only-binary :all: --no-deps -r requirements_fpga.txt
 fi
 if [[ $extra == browser ]]; then
     step "installing $(grep -c == requirements_long.txt) Python package of the long tests" \
-        "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_long.txt
+        "$venv/bin/python" -m pip install --no-compile --only-binary :all: --no-deps -r requirements_long.txt
 fi
 step "installing dermis itself, editable" \
     "$venv/bin/python" -m pip install --no-build-isolation --no-deps --editable .
