@@ -65,7 +65,7 @@ def in_range(targets: dict[str, Any]) -> dict[str, Any]:
     return targets | {"r_max_ohm": targets["r_min_ohm"] * 2 ** targets["bits"] * 0.9}
 
 
-@settings(deadline=None, max_examples=200, derandomize=True)
+@settings(deadline=None, max_examples=100, derandomize=True)
 @given(targets)
 def test_feasible_targets_become_a_design_that_meets_them(targets: dict[str, Any]) -> None:
     answer = solve(make_targets(**in_range(targets)))
