@@ -184,3 +184,15 @@ def test_the_page_on_scenes_holds_the_table_of_the_schema() -> None:
     page = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
     assert scene.schema_table() in page
     assert scene.scenes_table() in page
+
+
+def test_a_name_is_a_stored_scene_unless_a_file_here_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("single_touch").mkdir()  # as the results of a run
+    assert scene.find("single_touch") == scene.SCENES / "single_touch.toml"
+    Path("two_fingers").write_text("")
+    with pytest.raises(InputError, match=r"two_fingers: \./two_fingers for the file"):
+        scene.find("two_fingers")
+    assert scene.find("./two_fingers") == Path("two_fingers")

@@ -140,9 +140,13 @@ class Scene:
 
 def find(name: str) -> Path:
     """Return the path of a scene, given by path or by name; raise InputError if no scene has this name."""
-    if name.endswith(".toml") or os.path.exists(name) or "/" in name:
+    known = names()
+    if name in known and os.path.isfile(name):
+        allowed = f"./{name} for the file of that name here; in another directory it is the stored scene"
+        raise InputError("command line", "SCENE", name, allowed)
+    if name.endswith(".toml") or "/" in name or (name not in known and os.path.exists(name)):
         return Path(name)
-    if name not in (known := names()):
+    if name not in known:
         allowed = f"a path to a .toml file, or one of {', '.join(known)}"
         raise InputError("command line", "SCENE", name, allowed)
     return SCENES / f"{name}.toml"
