@@ -152,11 +152,8 @@ class Cosim:
         self._both_edges = both_edges
         self._step_s = shortest if step_s is None else step_s
         if not 0.0 < self._step_s < math.inf or shortest <= 0.0 or settle_s < 0.0:
-            given, allowed = (
-                f"{step_s}, {period_s}, {settle_s}",
-                "above 0, settle_s from 0; without a clock step_s",
-            )
-            raise self._wrong("step_s, period_s, settle_s", given, allowed)
+            allowed = "above 0, settle_s from 0; without a clock step_s"
+            raise self._wrong("step_s, period_s, settle_s", f"{step_s}, {period_s}, {settle_s}", allowed)
         for net, (drive, _) in self._inputs.items():
             between = 0.5 * shortest if both_edges else shortest
             if not 0.0 < drive.edge_s < between:
@@ -280,10 +277,8 @@ class Cosim:
             handle = getattr(handle, name, None)
         usable = isinstance(handle, ValueObjectBase) and not isinstance(handle, ArrayObject)
         if top != "dut" or not names or not usable:
-            allowed = (
-                f"dut.NAME: a bit, a vector or a real in {dut._name} that {cocotb.SIM_NAME} finds; no memory"
-            )
-            raise self._wrong("net", net, allowed)
+            found = f"in {dut._name} that {cocotb.SIM_NAME} finds"
+            raise self._wrong("net", net, f"dut.NAME: a bit, a vector or a real {found}; no memory")
         if net in self._clocks and width(handle) != 1:
             raise self._wrong("clock", net, "a net of one bit")
         return handle

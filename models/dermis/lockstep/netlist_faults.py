@@ -48,9 +48,8 @@ def refuse(lines: Sequence[str]) -> None:
         words = re.split(r"[\s=(),]+", line.lower().strip())
         name, ends, value = words[0], frozenset("0" if w == "gnd" else w for w in words[1:3]), words[3:]
         if name == ".control" or name.startswith("*#"):
-            raise InputError(
-                *place, line, "no .control block or *# command: the co-simulation gives the commands"
-            )
+            allowed = "no .control block or *# command: the co-simulation gives the commands"
+            raise InputError(*place, line, allowed)
         if name.startswith(".opt") and "interp" in words:
             raise InputError(*place, line, "without interp, which moves the samples to other times")
         if name[0] == "o":
