@@ -56,6 +56,10 @@ static int exchange(const dermis_host *host, const uint8_t *send, uint8_t *recei
 static int ask(const dermis_host *host, uint8_t *command, size_t count, uint8_t wanted) {
   uint8_t token = 0;
   int status = exchange(host, command, command, count);
+  if (status != DERMIS_OK) return status;
+  /* A wrong opcode is answered before this command is over: as unknown, or as a shorter one, which wrote nothing. */
+  for (size_t n = 0; n < count; n++)
+    if (command[n]) return command[n] == TOKEN_DATA || (command[n] >= 0xE0 && command[n] <= 0xE3) ? DERMIS_NOT_WRITTEN : DERMIS_BAD_TOKEN;
   for (unsigned n = 0; status == DERMIS_OK && token == 0; n++) {
     if (n > host->wait_bytes) return DERMIS_NO_ANSWER;
     status = exchange(host, NULL, &token, 1);

@@ -146,14 +146,12 @@ def frame_command() -> bytes:
 
 def write_register(address: int, value: int, wait_limit: int = WAIT_LIMIT) -> Transaction[int]:
     """Write a register; return the number of wait bytes. After an SpiError it is as it was."""
-    yield from _exchanged(write_command(address, value))
-    return (yield from _token(TOKEN_DONE, wait_limit))
+    return (yield from _answer(write_command(address, value), TOKEN_DONE, wait_limit))
 
 
 def read_register(address: int, wait_limit: int = WAIT_LIMIT) -> Transaction[int]:
     """Read a register; return its 16 bits."""
-    yield from _exchanged(read_command(address))
-    yield from _token(TOKEN_DATA, wait_limit)
+    yield from _answer(read_command(address), TOKEN_DATA, wait_limit)
     high, low, check = yield from _exchanged(3 * FILL)
     if check != crc8((OP_READ, address, high, low)):
         raise BadAnswerCrc(f"register 0x{address:02X}: {high:02X} {low:02X} came with CRC {check:02X}")
@@ -162,8 +160,7 @@ def read_register(address: int, wait_limit: int = WAIT_LIMIT) -> Transaction[int
 
 def read_frame_bytes(wait_limit: int = WAIT_LIMIT) -> Transaction[bytes]:
     """Read the newest whole frame as packed, for `parse_frame`; empty if there is none."""
-    yield from _exchanged(frame_command())
-    yield from _token(TOKEN_DATA, wait_limit)
+    yield from _answer(frame_command(), TOKEN_DATA, wait_limit)
     high, low = yield from _exchanged(2 * FILL)
     return (yield from _exchanged((high << 8 | low) * FILL)) if high or low else b""
 
@@ -180,7 +177,14 @@ def _exchanged(send: bytes) -> Transaction[bytes]:
     return bytes(got)
 
 
-def _token(wanted: int, wait_limit: int) -> Transaction[int]:
+def _answer(command: bytes, wanted: int, wait_limit: int) -> Transaction[int]:
+    """Send a command and wait for a token; return the number of bytes before it."""
+    during = yield from _exchanged(command)
+    if early := next(filter(None, during), WAIT):
+        # A wrong opcode is answered before this command is over: as unknown, or as a shorter one.
+        if early == TOKEN_DATA or early in REFUSALS:
+            raise UnknownCommand(f"0x{early:02X} came during the command: the chip took another one")
+        raise BadToken(f"0x{early:02X} came during the command, and 0 is sent there")
     for waited in range(wait_limit + 1):
         (token,) = yield from _exchanged(FILL)
         if token == wanted:

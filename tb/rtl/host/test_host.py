@@ -112,6 +112,46 @@ class HostInC(ctypes.Structure):
     )  # fmt: skip
 
 
+class Opcode:
+    """A chip of one register, and a line that flips bits of the first opcode; each answer after one wait byte."""
+
+    def __init__(self, flip: int) -> None:
+        self.flip, self.register, self.sent = flip, 0x015A, b""
+
+    def transfer(self, data: bytes, hold: bool) -> bytes:
+        """Exchange bytes: what stands after the command as the chip saw it is its answer."""
+        first, self.sent = len(self.sent), self.sent + data
+        op = self.sent[0] ^ self.flip
+        read = b"\xa5" + self.register.to_bytes(2, "big")
+        answers = {spi.OP_WRITE: (5, b"\x5a"), spi.OP_READ: (2, read + bytes((spi.crc8((3, 5, *read[1:])),)))}
+        length, answer = answers.get(op, (0, b"\xe0"))
+        if op == spi.OP_WRITE and len(self.sent) >= 5:
+            self.register = int.from_bytes(self.sent[2:4], "big")
+        back = (bytes(length + 1) + answer + bytes(99))[first : len(self.sent)]
+        if not hold:
+            self.flip, self.sent = 0, b""
+        return back
+
+
+@pytest.mark.parametrize("flip", [1 << bit for bit in range(8)])
+def test_a_write_whose_opcode_the_line_changed_is_sent_again(library: str, flip: int) -> None:
+    """As a read its answer holds 5A, the token of a write, where the driver looks for that."""
+    chip = Opcode(flip)
+    Host(chip.transfer).write(5, 100)
+    assert chip.register == 100
+
+    chip = Opcode(flip)
+
+    def transfer(_port: int, send: int | None, receive: int, count: int, hold: int) -> int:
+        back = chip.transfer(ctypes.string_at(send, count) if send else b"\xff" * count, bool(hold))
+        ctypes.memmove(receive, back, count)
+        return 0
+
+    host = HostInC(TRANSFER(transfer), None, 0, 100, 3)
+    assert ctypes.CDLL(library).dermis_write(ctypes.byref(host), 5, 100) == 0
+    assert chip.register == 100
+
+
 @pytest.mark.parametrize(
     ("at", "value", "ends"),
     [(0, 1, 0), (0, 2, 7), (1, 0x1F, 0), (1, 0x20, 7), (4, 0, 7), (5, 0, 7), (5, 17, 7), (8, 200, 7)],
