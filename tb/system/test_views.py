@@ -2,6 +2,7 @@
 """Decks in transistors: each block from the folder of its view, refusals, columns apart, and what steps cost."""
 
 import functools
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +18,8 @@ from dermis.chip.split import SplitHalf, Workers
 from dermis.engines import cosim
 from dermis.errors import InputError
 from dermis.lockstep import ladder
-from dermis.lockstep.ngspice import Deck
+from dermis.lockstep.ngspice import Deck, NgspiceHalf
+from dermis.processes import pool
 from dermis.records import Plan
 from dermis.scene import scene
 from dermis.scene.design import TOPOLOGIES
@@ -257,3 +259,20 @@ def test_columns_apart_are_as_columns_together(tmp_path: Path, monkeypatch: pyte
     assert error_lsb(charge(decks(made, parts), made, tmp_path), whole) <= SPLIT_LSB
     monkeypatch.setattr(netlist, "_far_column", lambda plan, network, c: [f"rfar{c} col{c} 0 1e12"])
     assert error_lsb(charge(decks(made, parts), made, tmp_path), whole) > SPLIT_LSB
+
+
+def _start(deck: Deck, log: Path) -> list[float]:
+    os.chdir(log.parent)  # the transistor model writes a file in its working directory
+    half = NgspiceHalf(deck, t_edge_s=1e-9, t_max_step_s=2e-7, t_stop_s=1e-6, log=log)
+    return half.advance(0.0, []).tolist()
+
+
+@pytest.mark.parametrize("corner", [{"corner": "ss", "supply_scale": 0.9}, {"corner": "tt"}])
+def test_row_drivers_start_where_leakage_is_least(tmp_path: Path, corner: Table) -> None:
+    """At -40 C a node between open transistors had no operating point, by any method."""
+    made = make([[1e3, 2e3], [505.0, 64e3]], {"temperature_c": -40.0} | corner, tmp_path)
+    deck = netlist.frame_deck(made, 0, [0.5, 0.0, 1.0, 0.0, 0.0], columns=())
+    with pool.workers(1) as executor:
+        rows = executor.submit(_start, deck, tmp_path / "ngspice.log").result()
+    # 2 mA of both taxels through 1 ohm.
+    assert rows == pytest.approx([0.5, 0.0], abs=5e-3)
