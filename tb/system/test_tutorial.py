@@ -10,7 +10,7 @@ import pytest
 
 from dermis.scene.design import ROOT
 
-PAGES = ("docs/tutorial.md", "docs/howto_design.md", "README.md")
+PAGES = ("docs/tutorial.md", "docs/howto_design.md", "docs/sky130.md", "README.md")
 
 
 def python(folder: Path, code: str) -> str:
