@@ -161,7 +161,8 @@ def random_scene(rng: Rng, profile: Profile) -> World:
         ohm = _taxel(rng, unit_ohm(interface), gate, profile)
         files["taxels.csv"] = [[ohm() for _ in range(cols)] for _ in range(frames * rows)]
     else:
-        scene["stimulus"] = _stimulus(rng, kind, rows, cols, max(frames, 2), files)
+        bits = design.get("timing", {}).get("code_bits", load_design().timing.code_bits)
+        scene["stimulus"] = _stimulus(rng, kind, rows, cols, max(frames, 2), files, 2**bits)
     on = _effects(rng, topology, cols, profile)
     if rng.random() > 1.0 - profile.auto:
         # `auto` takes effects without an entry at their defaults.
@@ -304,15 +305,17 @@ def _body(rng: Rng, rows: int, cols: int) -> Data:
     }
 
 
-def _stimulus(rng: Rng, kind: str, rows: int, cols: int, frames: int, files: dict[str, Any]) -> Data:
+def _stimulus(
+    rng: Rng, kind: str, rows: int, cols: int, frames: int, files: dict[str, Any], codes: int
+) -> Data:
     forces = [number(rng, 1e-2, 18.0) for _ in range(frames)]
     if kind == "uniform":
-        codes, ohms = [rng.randint(0, 255) for _ in forces], [number(rng, 250.0, 1e5) for _ in forces]
-        return {"kind": kind} | rng.choice(({"code": codes}, {"force_n": forces}, {"r_ohm": ohms}))
+        drawn, ohms = [rng.randint(0, 255) % codes for _ in forces], [number(rng, 250.0, 1e5) for _ in forces]
+        return {"kind": kind} | rng.choice(({"code": drawn}, {"force_n": forces}, {"r_ohm": ohms}))
     if kind == "frames":
         untouched = rng.random()
         files["frames.csv"] = [
-            [float(rng.randint(0, 255) if rng.random() > untouched else 0) for _ in range(cols)]
+            [float(rng.randint(0, 255) % codes if rng.random() > untouched else 0) for _ in range(cols)]
             for _ in range(frames * rows)
         ]
         return {"kind": kind, "file": "frames.csv", "unit": "codes"}
