@@ -197,6 +197,32 @@ def write_docs(command: str, **tables: Sequence[verdict.Row]) -> None:
     click.echo(f"written: {DOCS}")
 
 
+def sizes_table(rows: Sequence[verdict.Row]) -> str:
+    """Return a line of Markdown for each library and size of `dermis synth --sizes`."""
+    value = {row["name"].removeprefix("synth."): row["value"] for row in rows}
+    cells = (key.split(".", 1)[1] for key in value if key.startswith("cells."))
+    lines = []
+    for name in dict.fromkeys(key.removesuffix(".no_memory") for key in cells):
+        count, flops, core = (value[f"{what}.{name}.no_memory"] for what in ("cells", "flops", "area_um2"))
+        timed = f"area_um2.{name}" in value
+        whole = value[f"area_um2.{name}"] if timed else core + value[f"memory_um2.{name}"]
+        clocks = (f"{value[f'highest_mhz.{clock}.{name}']:.1f}" for clock in ("clk", "sck"))
+        areas = (f"{1e-6 * area:.4f}" for area in (core, whole))
+        lines.append((*name.split("."), str(count), str(flops), *areas, *clocks, "yes" if timed else "no"))
+    head = (
+        "library",
+        "size",
+        "cells",
+        "flops",
+        "area, mm2",
+        "with memory, mm2",
+        "clk, MHz",
+        "SCK, MHz",
+        "memory timed",
+    )
+    return markdown.table(head, lines, "---|---|--:|--:|--:|--:|--:|--:|---")
+
+
 def size_options(command: Callable[..., int]) -> Callable[..., int]:
     """Add the options of `dermis synth` and `dermis gl`: library, size, tables of the docs.
 
@@ -254,7 +280,8 @@ def synth_command(
     title = "Synthesis of sizes" if sizes else f"Synthesis of {size.name}"
     code = finish("synth_sizes" if sizes else "synth", judged, f"{title}, before layout")
     if code == 0 and docs and sizes:
-        write_docs("synth --sizes", sizes=judged)
+        markdown.write(ROOT / DOCS, "sizes", "synth --sizes", sizes_table(judged))
+        click.echo(f"written: {DOCS}")
     elif code == 0 and docs:
         blocks = [row for row in judged if row["name"].startswith("synth.block_um2.")]
         write_docs("synth", synth=[row for row in judged if row not in blocks], blocks=blocks)

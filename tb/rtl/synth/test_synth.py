@@ -302,3 +302,15 @@ def test_a_pin_that_nothing_constrains_is_listed_unless_it_is_argued(tmp_path: P
     log.write_text(said)
     with pytest.raises(SimulatorError):
         at.untimed()
+
+
+def test_the_table_of_sizes_has_a_memory_that_is_not_mapped() -> None:
+    values = {"cells.t.8x8.no_memory": 40, "flops.t.8x8.no_memory": 9, "area_um2.t.8x8.no_memory": 1e5}
+    values |= {"memory_um2.t.8x8": 2e5, "highest_mhz.clk.t.8x8": 30.04, "highest_mhz.sck.t.8x8": 20.0}
+    mapped = {"area_um2.t.8x8": 2.5e5, "cells.t.8x8": 99, "flops.t.8x8": 30}
+    for more, end in (
+        ({}, "0.1000 | 0.3000 | 30.0 | 20.0 | no |"),
+        (mapped, "0.1000 | 0.2500 | 30.0 | 20.0 | yes |"),
+    ):
+        rows = [verdict.report(f"synth.{name}", value, "1") for name, value in (values | more).items()]
+        assert synth.sizes_table(rows).splitlines()[2:] == [f"| t | 8x8 | 40 | 9 | {end}"]
