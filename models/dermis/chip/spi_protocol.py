@@ -184,7 +184,7 @@ def _answer(command: bytes, wanted: int, wait_limit: int) -> Transaction[int]:
         # A wrong opcode is answered before this command is over: as unknown, or as a shorter one.
         if early == TOKEN_DATA or early in REFUSALS:
             raise UnknownCommand(f"0x{early:02X} came during the command: the chip took another one")
-        raise BadToken(f"0x{early:02X} came during the command, and 0 is sent there")
+        raise BadToken(f"0x{early:02X} is no token: it came during the command")
     for waited in range(wait_limit + 1):
         (token,) = yield from _exchanged(FILL)
         if token == wanted:
