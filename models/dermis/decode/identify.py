@@ -609,7 +609,8 @@ def fit_memory(
     sigma = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * spread)
     if (off := np.sqrt(spread)) > CYCLE_OFF * np.hypot(1.0, np.sqrt(12) * calibration.noise_code):
         said = f"readings of the cycle are {off / np.sqrt(12):.2g} codes off any hysteresis and creep"
-        raise ContradictionError(f"{said}: are forces and codes of the same frames?")
+        asked = "are forces and codes of the same frames? One of a few taxels needs less of the network"
+        raise ContradictionError(f"{said}: {asked}")
     radius, play, creep_per_decade = p = found.x
     level = float(np.exp(np.average(difference(p), weights=weight**2)))
     # A share of the loop within its own uncertainty of the whole is the whole.

@@ -151,8 +151,9 @@ def undo_frame(ends, near, state, frame, dt_s, fresh, g_open, law):
 
     `state` is that of `SheetMemory.arrays`: `past` [taxels, HISTORY] holds the last estimates, `moved` [taxels, 2] the
     frame of the last movement and the frames between the last two, `band` [taxels, 2] the values that explain all
-    readings since. `creep` [2, taxels, rates] is that of the loads in sight, and that if they stayed in gaps of up to
-    GAP_S, `loaded` [2, taxels] if there is load from now on, `gone` [taxels] the time since one was in sight.
+    readings since. `creep` [2, taxels, rates] is that of certain loads, and of all that are possible: those whose
+    interval begins at 0, and those that may have stayed in gaps of up to GAP_S. `loaded` [2, taxels] is if there is
+    such load from now on, `gone` [taxels] the time since one was in sight.
     """
     low, g, high = ends
     near_low, near_high = near
@@ -216,8 +217,8 @@ def undo_frame(ends, near, state, frame, dt_s, fresh, g_open, law):
             low[t] = np.exp(x_low) if x_low > LOG_OPEN + 1.0 else 0.0
             if high[t] < np.inf:
                 high[t] = np.exp(x_high) if x_high > LOG_OPEN + 1.0 else high[t]
-        loaded[0, t] = g[t] > g_open
-        gone[t] = 0.0 if loaded[0, t] else gone[t] + dt_s
+        loaded[0, t] = low[t] > g_open
+        gone[t] = 0.0 if g[t] > g_open else gone[t] + dt_s
         loaded[1, t] = gone[t] <= GAP_S
 
 

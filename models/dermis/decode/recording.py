@@ -170,7 +170,7 @@ def _gaps(path: Path, frames: Floats, gaps: str) -> Floats:
 
 
 def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
-    time, name, reversed_axes, time_unit, unit = None, None, False, "", ""
+    time, name, reversed_axes, time_unit, unit, left = None, None, False, "", "", []
     if suffix == ".npy":
         values = npy_array(data, path.name, "biuf")
     else:
@@ -197,12 +197,13 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
                 f"{name} and {parts[0]}",
                 f"--time-key {name}, without parts of a second, or --rate",
             )
-        time_unit, unit = _unit_of(time), _unit_of(values)
+        time_unit, unit = _unit_of(time), _unit_of(values) or _unit_set(sets)
+        left = [n for n, item in sets.items() if item is not values and n != name]
     values = np.asarray(values).T if reversed_axes else np.asarray(values)
     if values.dtype.kind not in "biuf":
         raise InputError(path, "--key", str(values.dtype), "an array of real numbers")
     time = None if time is None else np.asarray(time, dtype=float).ravel()
-    found = Found(np.asarray(values, dtype=float), time, binary=True)
+    found = Found(np.asarray(values, dtype=float), time, binary=True, ignored=left)
     if name is not None:
         found.time_unit, found.time_from = text.time_unit_of(name) or text.time_unit_of(time_unit), name
     if unit and not found.scale(unit):
@@ -217,17 +218,24 @@ def _unit_of(item: Any) -> str:
     return unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
 
 
+def _unit_set(sets: dict[str, Any]) -> str:
+    """Return the text of a set that is called unit, or nothing."""
+    told = (np.ravel(i) for n, i in sets.items() if n.lower() in ("unit", "units") and i.dtype.kind in "US")
+    return next((str(text.astype(str)[0]) for text in told if text.size == 1), "")
+
+
 def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
     """Return the arrays of an npz file; those that are named, if it has many."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         names = [name.removesuffix(".npy") for name in archive.namelist()]
     if layout.key is not None or len(names) > _MEMBERS:
-        timed = [name for name in names[:_MEMBERS] if text.is_time(name)] if layout.time_key is None else []
-        names = [name for name in (layout.key, layout.time_key, *timed) if name is not None]
+        more = [name for name in names[:_MEMBERS] if name.lower() in ("unit", "units")]
+        more += [name for name in names[:_MEMBERS] if text.is_time(name)] if layout.time_key is None else []
+        names = [name for name in (layout.key, layout.time_key, *more) if name is not None]
     found = {}
     for name in names or [None]:
-        with contextlib.suppress(InputError if layout.key is None else ()):  # an array of text
-            array = npz_member(data, path.name, name, "iufM")
+        with contextlib.suppress(InputError if layout.key is None else ()):  # an array of objects
+            array = npz_member(data, path.name, name, "iufMU")
             stamps = array.dtype.kind == "M"
             found[name] = array.astype("datetime64[ns]").astype(np.int64) if stamps else array
     return found

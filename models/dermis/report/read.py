@@ -71,6 +71,8 @@ def forces_of(values: Floats, unit: str, plan: Plan, area_mm2: float | None, sca
             raise InputError("recording", "values", spread, f"codes 0..{plan.timing.code_max}")
         force = plan.force_of_duty(values / plan.timing.gate_clocks)
     elif unit == "ohm":
+        if (values <= 0).any():
+            raise InputError("recording", "values", f"{spread} ohm", "resistances above 0")
         force = plan.sensor.force_n(values)
     elif unit == "kpa":
         if area_mm2 is None:

@@ -221,6 +221,10 @@ def npz(path: Path) -> None:
     np.savez(path, force=FRAMES, time_ms=20 * np.arange(COUNT), note=np.array("left"))
 
 
+def npz_unit(path: Path) -> None:
+    np.savez(path, force=FRAMES, time_ms=20 * np.arange(COUNT), unit="mN")
+
+
 def npz_stamps(path: Path) -> None:
     np.savez(path, force=FRAMES, time=np.array(STAMPS, dtype="datetime64[ns]"))
 
@@ -673,6 +677,7 @@ CASES: dict[str, Case] = {
     "npz, datetime64": Case(npz_stamps, SIZE, file="a.npz"),
     "npz, parts of a second": Case(npz_parts, SIZE, asks="--time-key", file="a.npz"),
     "npz, by name": Case(npz, SIZE | {"key": "force"}, file="a.npz"),
+    "npz, with its unit": Case(npz_unit, SIZE, file="a.npz", **NEWTONS),
     "npy, 256 columns": npy(WIDE.reshape(5, -1), WIDE_SIZE, values=WIDE, time_s=TIME[:5]),
     "MATLAB 5": Case(mat, file="a.mat"),
     "MATLAB 7.3": Case(mat73, file="a.mat"),
