@@ -274,5 +274,4 @@ def test_row_drivers_start_where_leakage_is_least(tmp_path: Path, corner: Table)
     deck = netlist.frame_deck(made, 0, [0.5, 0.0, 1.0, 0.0, 0.0], columns=())
     with pool.workers(1) as executor:
         rows = executor.submit(_start, deck, tmp_path / "ngspice.log").result()
-    # 2 mA of both taxels through 1 ohm.
-    assert rows == pytest.approx([0.5, 0.0], abs=5e-3)
+    assert rows == pytest.approx([0.5, 0.0], abs=5e-3)  # 2 mA of both taxels through 1 ohm
