@@ -19,7 +19,7 @@ from dermis.files import text_of
 from dermis.processes import children
 from dermis.report import progress, verdict
 from dermis.scene.design import ROOT
-from scripts import liberty
+from scripts import liberty, markdown
 from scripts.cocotb_run import run_bench
 from scripts.judged import attempt, finish
 from scripts.liberty import PREFIX, view
@@ -272,5 +272,5 @@ def gl_command(chosen: list[Technology], size: Size, own: bool, docs: bool) -> i
             judged += gate_level(technology, size)
     code = finish("gl", judged, f"Gate level, {size.name}, Icarus")
     if docs and code == 0:
-        write_docs("gl", gl=judged)
+        write_docs("gl", gl=markdown.rows_table(judged))
     return code

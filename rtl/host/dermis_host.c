@@ -52,6 +52,11 @@ static int exchange(const dermis_host *host, const uint8_t *send, uint8_t *recei
   return DERMIS_OK;
 }
 
+static int refusal(uint8_t token) {
+  if (token == 0xE1 || token == 0xE2) return DERMIS_NOT_WRITTEN;
+  return token == 0xE0 || token == 0xE3 ? DERMIS_NO_REGISTER : DERMIS_BAD_TOKEN;
+}
+
 /* Send a command and wait for the token of its answer; `command` is overwritten. */
 static int ask(const dermis_host *host, uint8_t *command, size_t count, uint8_t wanted) {
   uint8_t token = 0;
@@ -59,14 +64,12 @@ static int ask(const dermis_host *host, uint8_t *command, size_t count, uint8_t 
   if (status != DERMIS_OK) return status;
   /* A wrong opcode is answered before this command is over: as unknown, or as a shorter one, which wrote nothing. */
   for (size_t n = 0; n < count; n++)
-    if (command[n]) return command[n] == TOKEN_DATA || (command[n] >= 0xE0 && command[n] <= 0xE3) ? DERMIS_NOT_WRITTEN : DERMIS_BAD_TOKEN;
+    if (command[n]) return command[n] == TOKEN_DATA ? DERMIS_NOT_WRITTEN : refusal(command[n]);
   for (unsigned n = 0; status == DERMIS_OK && token == 0; n++) {
     if (n > host->wait_bytes) return DERMIS_NO_ANSWER;
     status = exchange(host, NULL, &token, 1);
   }
-  if (status != DERMIS_OK || token == wanted) return status;
-  if (token == 0xE1 || token == 0xE2) return DERMIS_NOT_WRITTEN;
-  return token == 0xE0 || token == 0xE3 ? DERMIS_NO_REGISTER : DERMIS_BAD_TOKEN;
+  return status != DERMIS_OK || token == wanted ? status : refusal(token);
 }
 
 /* Release chip select; the chip ignores a byte after its answer. */

@@ -12,7 +12,7 @@ enum {
   DERMIS_NO_ANSWER,     /* only wait bytes: no clock, no chip, CIPO stuck at 0 */
   DERMIS_BAD_TOKEN,     /* not a token: wrong mode, bit slip, CIPO stuck at 1 */
   DERMIS_NO_REGISTER,   /* E3, or E0: nothing was done */
-  DERMIS_NOT_WRITTEN,   /* E1 or E2 in each try: nothing was done */
+  DERMIS_NOT_WRITTEN,   /* E1 or E2 in each try, or taken for a read: nothing was done */
   DERMIS_BAD_CRC,       /* in each try */
   DERMIS_BAD_LENGTH,    /* longer than the buffer, or no header or whole slots in order */
   DERMIS_TIMEOUT,       /* STATUS did not show the bit */

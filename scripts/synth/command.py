@@ -190,10 +190,10 @@ def size_rows(technology: Technology, size: Size) -> list[verdict.Row]:
     return rows
 
 
-def write_docs(command: str, **tables: Sequence[verdict.Row]) -> None:
-    """Write tables of rows of a command between their marks in docs/synthesis.md."""
-    for name, rows in tables.items():
-        markdown.write(ROOT / DOCS, name, command, markdown.rows_table(rows))
+def write_docs(command: str, **contents: str) -> None:
+    """Write tables of a command between their marks in docs/synthesis.md."""
+    for name, content in contents.items():
+        markdown.write(ROOT / DOCS, name, command, content)
     click.echo(f"written: {DOCS}")
 
 
@@ -209,17 +209,7 @@ def sizes_table(rows: Sequence[verdict.Row]) -> str:
         clocks = (f"{value[f'highest_mhz.{clock}.{name}']:.1f}" for clock in ("clk", "sck"))
         areas = (f"{1e-6 * area:.4f}" for area in (core, whole))
         lines.append((*name.split("."), str(count), str(flops), *areas, *clocks, "yes" if timed else "no"))
-    head = (
-        "library",
-        "size",
-        "cells",
-        "flops",
-        "area, mm2",
-        "with memory, mm2",
-        "clk, MHz",
-        "SCK, MHz",
-        "memory timed",
-    )
+    head = "library|size|cells|flops|area, mm2|with memory, mm2|clk, MHz|SCK, MHz|memory timed".split("|")
     return markdown.table(head, lines, "---|---|--:|--:|--:|--:|--:|--:|---")
 
 
@@ -280,9 +270,9 @@ def synth_command(
     title = "Synthesis of sizes" if sizes else f"Synthesis of {size.name}"
     code = finish("synth_sizes" if sizes else "synth", judged, f"{title}, before layout")
     if code == 0 and docs and sizes:
-        markdown.write(ROOT / DOCS, "sizes", "synth --sizes", sizes_table(judged))
-        click.echo(f"written: {DOCS}")
+        write_docs("synth --sizes", sizes=sizes_table(judged))
     elif code == 0 and docs:
         blocks = [row for row in judged if row["name"].startswith("synth.block_um2.")]
-        write_docs("synth", synth=[row for row in judged if row not in blocks], blocks=blocks)
+        whole = markdown.rows_table(row for row in judged if row not in blocks)
+        write_docs("synth", synth=whole, blocks=markdown.rows_table(blocks))
     return code

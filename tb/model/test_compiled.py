@@ -39,7 +39,7 @@ GUARDS = {
     "decode.crosstalk": {"_solve_frames": "crosstalk.solve", "known_voltages": "crosstalk.solve"},
     "decode.decoder": {"_decode_frames": "Skin.decode", "currents_of": "Decoder.conductances"},
     "decode.law": {"_forces": "Curve"},
-    "decode.memory": dict.fromkeys(("advance", "apply_frame", "undo_frame"), "SheetMemory"),
+    "decode.memory": {"apply_frame": "SheetMemory", "undo_frame": "SheetMemory"},
     "scene.sensor_loops": {"advance_creep": "creep_decades"},
     "skin": {"_read_frames": "Skin.read", "_taxels": "Skin.read"},
     # C: lockstep.c and clock_loop.c.

@@ -21,8 +21,9 @@ from dermis.converter.vfc import code_type
 from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
 from dermis.decode.law import force_of
-from dermis.decode.memory import SheetMemory, advance, check_out, undo_frame
+from dermis.decode.memory import SheetMemory, check_out, undo_frame
 from dermis.ndarrays import Bools, Floats, unmasked
+from dermis.scene.sensor_loops import advance_creep
 
 ZERO, SATURATED, SHORT, UNSOLVED, NEAR_SATURATED = 1, 2, 4, 8, 16
 """Bits of Forces.flags."""
@@ -399,8 +400,8 @@ def _decode_frames(k, codes, dt_s, modes, solved, solved_off, memory, results):
         _flags(k, codes[n], g, good, doubt, full_row, full_column, flags)
         _by_factor(k, codes[n], g, down, up, spread, offset_a, flags, force, low, high, near_low, near_high)
         if k.radius.size > 0 or k.per_decade != 0.0:
-            if k.per_decade != 0.0 and not fresh:
-                advance(creep, loaded, rate, rate_weight, dt_s[n])
+            for least_or_most in range(2 if k.per_decade != 0.0 and not fresh else 0):
+                advance_creep(creep[least_or_most], loaded[least_or_most], rate, rate_weight, dt_s[n])
             flat = low.reshape(-1), force.reshape(-1), high.reshape(-1)
             near = near_low.reshape(-1), near_high.reshape(-1)
             state, law = (z, past, moved, band, creep, loaded, gone), (k.radius, k.weight, k.per_decade)

@@ -222,13 +222,6 @@ def undo_frame(ends, near, state, frame, dt_s, fresh, g_open, law):
         loaded[1, t] = gone[t] <= GAP_S
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def advance(creep, loaded, rate, weight, dt_s):
-    """Move both states of the creep on, as `undo_frame` has them."""
-    for k in range(2):
-        advance_creep(creep[k], loaded[k], rate, weight, dt_s)
-
-
 _STATE = ("z", "past", "moved", "band", "creep", "loaded", "gone", "frame", "fresh")
 
 
@@ -255,17 +248,18 @@ class SheetMemory:
         self._gone = np.full(taxels, np.inf)
         self._fresh = True
 
-    def _step(self, dt_s: float) -> None:
+    def _step(self, dt_s: float, states: int) -> None:
         if not 0 <= dt_s < np.inf:
             raise ValueError(f"time runs backwards: a step of {dt_s} s")
         if self._rate.size and not self._fresh:
-            advance(self._creep, self._loaded, self._rate, self._weight, dt_s)
+            for k in range(states):
+                advance_creep(self._creep[k], self._loaded[k], self._rate, self._weight, dt_s)
 
     def apply(self, conductance_s: Floats, dt_s: float) -> Floats:
         """Return the sheet's conductances for those by the law, [taxels], dt_s after the frame before."""
         g = argument(conductance_s, "conductance_s", self._gone.shape, 0.0)
         out = np.empty_like(g)
-        self._step(dt_s)
+        self._step(dt_s, 1)  # which loads there are is certain
         memory = self._z, self._creep, self._loaded, self._fresh
         apply_frame(g, out, *memory, self.law.radius, self.law.weight, self.law.creep_per_decade)
         self._loaded[:] = g > self._g_open_s
@@ -282,7 +276,7 @@ class SheetMemory:
         for name, array in zip(("low_s", "conductance_s", "high_s"), ends, strict=True):
             if not (check_out(array, self._gone.shape, float, name) >= 0).all():
                 raise ValueError(f"{name} must be 0 or above")
-        self._step(dt_s)
+        self._step(dt_s, 2)
         state, law = self.arrays()[:7], (self.law.radius, self.law.weight, self.law.creep_per_decade)
         near = low_s.copy(), high_s.copy()
         undo_frame(ends, near, state, self._frame, dt_s, self._fresh, self._g_open_s, law)

@@ -34,6 +34,8 @@ _TIME_SPREAD = 0.5
 _WRAP = 2.0**32
 _MEMBERS = 64
 """Arrays of an npz file that are looked through; of more the name must be given."""
+_UNITS = "unit", "units"
+"""Names of a set, and attributes of one, with a unit."""
 # Between 0.1 and 1 a step without a unit may be seconds of a slow logger, or milliseconds of a fast one; below 1e-3
 # days or hours.
 _SECONDS_SURE = 1e-3, 0.1
@@ -220,8 +222,8 @@ def _unit_of(item: Any) -> str:
 
 def _unit_set(sets: dict[str, Any]) -> str:
     """Return the text of a set that is called unit, or nothing."""
-    told = (np.ravel(i) for n, i in sets.items() if n.lower() in ("unit", "units") and i.dtype.kind in "US")
-    return next((str(text.astype(str)[0]) for text in told if text.size == 1), "")
+    told = (np.ravel(item) for n, item in sets.items() if n.lower() in _UNITS and item.dtype.kind in "US")
+    return next((str(said.astype(str)[0]) for said in told if said.size == 1), "")
 
 
 def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
@@ -229,7 +231,7 @@ def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         names = [name.removesuffix(".npy") for name in archive.namelist()]
     if layout.key is not None or len(names) > _MEMBERS:
-        more = [name for name in names[:_MEMBERS] if name.lower() in ("unit", "units")]
+        more = [name for name in names[:_MEMBERS] if name.lower() in _UNITS]
         more += [name for name in names[:_MEMBERS] if text.is_time(name)] if layout.time_key is None else []
         names = [name for name in (layout.key, layout.time_key, *more) if name is not None]
     found = {}

@@ -135,7 +135,7 @@ class Cosim:
         for net, bits in self._outputs.items():
             if not all(isinstance(bit, Compare) for bit in bits):
                 raise self._wrong(net, outputs[net], "a Compare, or one for each bit")
-        if isinstance(clock, str) == (period_s is None) and clock is not None:
+        if isinstance(clock, str) == (period_s is None):
             raise self._wrong("period_s", period_s, "that of the one clock; none beside periods by net")
         self._clocks = {clock: period_s} if isinstance(clock, str) else dict(clock or {})
         numbers = {net: (drive.low, drive.high, drive.edge_s) for net, (drive, _) in self._inputs.items()}
