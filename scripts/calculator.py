@@ -192,6 +192,10 @@ class Answer:
         # An edge is 1/200 of the clock, or that of the base where it is shorter.
         new["converter"]["t_edge_s"] = min(base.converter.t_edge_s, float(1 / self.f_clk_hz / 200))
         new["integrator"] = {"gain_dc": float(self.targets.gain_dc or base.integrator.gain_dc)}
+        # The same parts of full scale.
+        grown = self.k * self.i0_a / (exact(base.interface.k) * exact(base.converter.i0_a))
+        stored = base.calibration.model_dump().items()
+        new["calibration"] = {name: float(exact(value) * grown) for name, value in stored}
         return base.replace(**new)
 
     def range_table(self, points: int = 12) -> list[tuple[float, ...]]:
@@ -269,7 +273,8 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
         "multi_output_conveyor": exact(base.conveyor.r_z_ohm),
     }.get(topology, exact(base.mirror.r_out_ohm))
     scale = k if topology == "direct" else Fraction(1)
-    tau = gain_dc * source_ohm * c_int * scale
+    source_ohm = 1 / (1 / source_ohm + 1 / exact(base.integrator.r_in_ohm))
+    tau = (gain_dc + 1) * source_ohm * c_int * scale
 
     answer = Answer(
         targets, base, topology, array_rows, array_cols, bits, frame_s, f_clk, slot_clocks, gate,
@@ -408,7 +413,10 @@ def _judged(
     row("gate_margin_clocks", left, note, {"frame_s": _at_least(answer.array_rows * needed / f_clk)})
     beyond, nearer = _beyond_the_chip(answer, usable)
     row("beyond_the_chip", len(beyond), "; ".join(beyond) or "what the Verilog is made for", nearer)
-    settle_min = limit("settle_s")
+    settle_min, lag_s = limit("settle_s"), Fraction(0)
+    if answer.topology != "direct":
+        lag_s = exact(base.mirror.q_lag_c) / (i0 * answer.duty(answer.r_max_ohm))
+        settle_min = max(settle_min, limit("mirror_settling") * lag_s)
     if targets.f_clk_hz is not None:
         # Whole clocks, so that rounding a slot down cannot remove the last one.
         clocks = max(answer.gate_clocks + math.ceil(settle_min * f_clk), needed)
@@ -420,6 +428,11 @@ def _judged(
     else:
         longer = {"settle_fraction": 0.5, "frame_s": _at_least(2 * settle_min * answer.array_rows)}
     row("settle_s", answer.settle_clocks / f_clk, f"{answer.settle_clocks} clocks", longer)
+    if lag_s:
+        settled, note = answer.settle_clocks / f_clk / lag_s, f"time constant {float(lag_s):.3g} s at r_max"
+        # A longer frame has a slower clock, for which another k may be the smallest that does.
+        kept = {"k": int(answer.k)} if targets.k is None and targets.i0_a is None else {}
+        row("mirror_settling", settled, note, longer | kept)
 
     delay = exact(base.comparator.t_delay_s)
     note, slower = f"delay {float(delay):g} s at {float(f_clk):g} Hz", None
@@ -446,7 +459,7 @@ def _judged(
     plateau = answer.gate_clocks * math.tanh(1 / float(f_clk) / (2 * tau))
     part = float(limit("leak_plateau_lsb")) / answer.gate_clocks
     tau_min = 1 / float(f_clk) / (2 * math.atanh(part)) if part < 1 else 0.0
-    more_gain = {"gain_dc": _at_least(tau_min / float(source_ohm * c_int))} if tau_min else None
+    more_gain = {"gain_dc": _at_least(max(tau_min / float(source_ohm * c_int) - 1, 1.0))} if tau_min else None
     row("leak_plateau_lsb", plateau, f"R_leak C = {tau:.4g} s, at least {tau_min:.4g} s", more_gain)
 
     kt = K_BOLTZMANN_J_PER_K * base.ambient.temperature_k

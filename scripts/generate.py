@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import tomlkit
 
 from dermis.chip import hdl, sky130
 from dermis.chip.spice_text import array_subckt
@@ -31,11 +32,15 @@ _MARKS = {"P": "paper", "C": "computed", "S": "source", "": ""}
 
 
 def design_table(design: Design, root: Path) -> str:
-    why = design_module.reasons(root / "models" / "design.toml")
-    stored = (
-        (f"`{key}`", str(value), _MARKS[why[key].mark], why[key].text)
-        for key, value in design.stored().items()
-    )
+    path = root / "models" / "design.toml"
+    why, stored = design_module.reasons(path), []
+    tables: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
+    for key, value in design.stored().items():
+        table, name = key.split(".")
+        # dermis calc says behind a value that the reason belongs to another one.
+        changed = tables[table].item(name).trivia.comment.lstrip("# ") if name in tables[table] else ""
+        said = f"{changed}: {why[key].text}" if changed else why[key].text
+        stored.append((f"`{key}`", str(value), "changed" if changed else _MARKS[why[key].mark], said))
     derived = ((f"`{key}`", f"{value:.9g}") for key, value in design.derived().items())
     values = markdown.table(("name", "value", "from", "reason"), stored)
     return f"{values}\n\n{markdown.table(('derived', 'value'), derived)}"

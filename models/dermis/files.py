@@ -6,6 +6,7 @@ import errno
 import fcntl
 import os
 import secrets
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -33,6 +34,15 @@ def atomic(path: Path) -> Iterator[IO[bytes]]:
         if isinstance(error, OSError) and error.filename is None:
             error.filename = str(path)  # a write does not say where
         raise
+
+
+def check_place(path: Path, option: str) -> None:
+    """Raise InputError if the file of an option is a directory, or its directory is not there or cannot be written."""
+    with contextlib.suppress(OSError), tempfile.TemporaryFile(dir=path.parent):  # it is refused below
+        if not path.is_dir():
+            return
+    allowed = "a file in a directory that is there and can be written"
+    raise InputError("command line", option, str(path), allowed)
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:

@@ -213,6 +213,19 @@ class Plan:
         """Names of the effects that set a record field (for an engine that must refuse it)."""
         return tuple(name for name in self.on if field in effects.EFFECTS[name].fields())
 
+    def gate_shares(self) -> Floats:
+        """Begin, end and middle of the gate of each row in parts of the time to the next frame, [3, rows], up to 1."""
+        timing = self.timing
+        slot = np.arange(self.rows) * timing.slot_clocks + timing.settle_clocks
+        clocks = self.drive.t_frame_s * timing.f_clk_hz
+        # The last gate may end with the frame: a rounding of its length there would leave a part of a short over, or
+        # less than nothing. A recording may be faster than the chip: then the next frame is reached before the gate is
+        # over.
+        if abs(clocks - round(clocks)) <= 1e-9 * clocks:
+            clocks = float(round(clocks))
+        at = np.stack([slot, slot + timing.gate_clocks, slot + timing.gate_clocks / 2])
+        return np.minimum(at / clocks, 1.0)
+
     def unsure(self, effect: str, beside: Iterable[str], what: str, most: float, found: float) -> InputError:
         """Return the refusal of an effect that with others leaves codes uncertain by more than `most` LSB."""
         allowed = f"{what} is certain to {most:g} LSB (here {found:.2g}); use engine cosim"

@@ -386,7 +386,7 @@ class Skin(Threaded):
             [frames, envs, rows, cols] or [envs, rows, cols].
         t_frame_s : float or array_like, optional
             Time in seconds since the frame before, for all frames or each; by default the frame time of the chip. Of
-            many sheets also [envs], or [frames, envs].
+            many sheets a number, [envs], a time a sheet for all frames, or [frames, envs].
         out : ndarray, optional
             Codes of the shape of the forces to fill. With ideal columns nothing is allocated then.
 

@@ -17,12 +17,13 @@ import numpy as np
 
 from dermis import __version__
 from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
-from dermis.errors import SimulatorError
-from dermis.files import write_atomic
+from dermis.errors import InputError, SimulatorError
+from dermis.files import check_place, write_atomic
 from dermis.places import BUILD, ROOT
 from dermis.processes import children
 from dermis.report import verdict
-from dermis.scene.design import Design
+from dermis.report.output import prepare
+from dermis.scene.design import DESIGN_FILE, Design
 from dermis.scene.design import load as load_design
 from scripts import markdown
 from scripts.judged import SHOW, digest, finish
@@ -46,6 +47,8 @@ COMPILER_FLAGS = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-O2", "-msi
 SWEEPS = 12
 """Iterations of the inverse array solve; with 10 ohm row drivers each reduces the error to a tenth."""
 PATTERN_SEED = 19
+MOST_LINES = 32
+"""Rows and columns of chip.cpp, whose columns go by pairs."""
 
 
 def have_compiler() -> str | None:
@@ -58,6 +61,10 @@ def wasm(design: Design) -> bytes:
     """Return the chip as WebAssembly, compiled if a source changed; SimulatorError if a tool is missing or failed."""
     if reason := have_compiler():
         raise SimulatorError(reason)
+    rows, cols = design.array.rows, design.array.cols
+    if cols % 2 or max(rows, cols) > MOST_LINES:
+        allowed = f"an even number of columns, and at most {MOST_LINES} of either, for the page"
+        raise InputError(DESIGN_FILE, "array", f"{rows} rows, {cols} columns", allowed)
     headers = [path for folder in rtl_include_dirs() for path in sorted(folder.glob("*.vh"))]
     files = [*rtl_sources(), *headers, HERE / "chip.cpp", HERE / "single_thread.h"]
     versions = [importlib.metadata.version(package) for package in ("verilator", "ziglang")]
@@ -74,8 +81,7 @@ def wasm(design: Design) -> bytes:
         sources = [*(f"-I{folder}" for folder in rtl_include_dirs()), *rtl_sources()]
         place = {"VERILATOR_ROOT": str(root)}
         children.run_logged([*verilator, *sources], ROOT, log, VERILATE_LIMIT_S, "Verilator", place)
-        array, slot = design.array, design.timing.slot_clocks
-        size = [f"-DROWS={array.rows}", f"-DCOLS={array.cols}", f"-DSLOT_CLOCKS={slot}"]
+        size = [f"-DROWS={rows}", f"-DCOLS={cols}", f"-DSLOT_CLOCKS={design.timing.slot_clocks}"]
         includes = (f"-I{root / 'include'}", f"-I{scratch}", "-include", HERE / "single_thread.h")
         compiler = [sys.executable, "-m", "ziglang", "c++", *COMPILER_FLAGS, *size, *includes]
         out = scratch / "chip.wasm"
@@ -149,6 +155,8 @@ def report_size() -> verdict.Row:
 @click.option("--check", is_flag=True, help="Also check codes and speed in Chromium.")
 def demo_command(out: Path, check: bool) -> int:
     """Build a web page that runs the chip; with --check also test it in a browser."""
+    prepare(out.parent)
+    check_place(out, "--out")
     begin = time.perf_counter()
     build(out)
     took = time.perf_counter() - begin

@@ -30,7 +30,6 @@ GUARDS = {
         ("add_between", "chain", "down", "ladder", "miss", "sum_of_others", "up", "worst_code"),
         "column_currents",
     ),
-    "converter.coupling": {"_walk_over_gate": PLAN},
     "converter.course": {"charges": PLAN},
     "converter.decide": {"decide_cells": PLAN, "remembered": PLAN},
     "converter.noise": {"_keys": "chosen_keys", "_normals": PLAN},

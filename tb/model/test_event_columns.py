@@ -11,7 +11,7 @@ from made_plans import made, ohms
 from dermis import records
 from dermis.array.array import Network, column_currents
 from dermis.converter.coupling import seen_from_grounds
-from dermis.engines import event
+from dermis.engines import event, rtl
 from dermis.errors import InputError
 from tb.reference import columns_reference
 
@@ -93,22 +93,20 @@ def close_columns(rng: np.random.Generator, tmp_path: Path) -> records.Plan:
 # The reference takes the exponential of a matrix a column: minutes on a busy machine.
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("scenes", [10, pytest.param(1500, marks=pytest.mark.long)])
-def test_close_columns_that_are_taken_count_as_their_common_equation_whatever_is_on(
-    tmp_path: Path, scenes: int
-) -> None:
+def test_close_columns_count_as_their_common_equation_whatever_is_on(tmp_path: Path, scenes: int) -> None:
     rng = np.random.default_rng(25)
-    taken = refused = 0
+    taken, off = 0, []
     for _ in range(scenes):
         plan = close_columns(rng, tmp_path)
-        try:
-            codes = event.run(plan).codes[0]
-        except InputError:
-            refused += 1
+        if event.refuses(plan):
             continue
+        codes = event.run(plan).codes[0]
         taken += 1
-        # To a count, as it is known (event_columns._SETTLED).
-        assert np.abs(codes - columns_reference.codes(plan)).max() <= 1
-    assert min(taken, refused) > scenes / 8
+        off.append(np.abs(codes - columns_reference.codes(plan)).ravel())
+    apart = np.concatenate(off)
+    assert taken > 0.8 * scenes
+    assert apart.max() <= 1
+    assert (apart > 0).mean() < 0.02
 
 
 def close(r_ohm: float, gain: float) -> dict[str, Any]:
@@ -121,39 +119,56 @@ RANGE = {
     "lateral": {"r_ohm": 212.0},
     "row_driver": {"r_ohm": 0.014, "grounded_r_ohm": 0.011},
 }
-SWIFT = {"integrator_bandwidth": {"gbw_hz": 1e6}, "lateral": {"r_ohm": 1000.0}}
-FAR = {"lateral": {"r_ohm": 1e8}}
 RIPPLE = {"supply_ripple": {"relative": 0.5, "frequency_hz": 1e2, "phase_deg": 90.0}}
 SIMPLE_RATIOS = [[500.38881092718583, 498.2946922238924, 753.031053559841, 500.6804472479357]]
 
 
 @pytest.mark.paper
 @pytest.mark.parametrize(
-    ("ohm", "on", "taken"),
+    ("ohm", "on", "cosim"),
     [
-        (SIMPLE_RATIOS, close(369.8144, 32.53386), FAR),
-        ([[600.0, 2000.0]], close(1e3, 1e3) | RIPPLE, FAR),
-        ([[250 / 3, 250 / 0.9]], close(1e3, 1e3) | {"charge_packet": {"packet_error": [0.0, 2.0]}}, FAR),
-        ([[250 / 0.7, 250 / 0.62]], close(1e3, 300.0) | {"charge_packet": {"packet_error": [0.0, 0.1]}}, FAR),
-        ([[51758.4, 1002.55, 1503.44]], close(642.0, 92.434) | {"comparator_hysteresis": {"v_v": 0.5}}, FAR),
-        ([[2500.0, 25000.0, 3000.0]], close(1e3, 100.0) | {"comparator_noise": {"v_v": 0.5}}, FAR),
-        ([[620.0, 2000.0]], close(1e3, 300.0) | {"preset_error": {"v_v": [50.0, 0.0]}}, FAR),
-        # A column that saturates within its gate: event read 64 beside it where ngspice reads 74.
-        ([[[1e5] * 2, [x, 2e3]] for x in (1e6, 250.0 / 0.82, 1e6)], close(1e3, 1e3) | {"motion": {}}, FAR),
+        (SIMPLE_RATIOS, close(369.8144, 32.53386), [[249, 249, 172, 245]]),
+        ([[600.0, 2000.0]], close(1e3, 1e3) | RIPPLE, [[255, 102]]),
+        ([[250 / 3, 250 / 0.9]], close(1e3, 1e3) | {"charge_packet": {"packet_error": [0.0, 2.0]}}, [[255, 176]]),
+        ([[51758.4, 1002.55, 1503.44]], close(642.0, 92.434) | {"comparator_hysteresis": {"v_v": 0.5}},
+         [[3, 128, 84]]),
+        ([[620.0, 2000.0]], close(1e3, 300.0) | {"preset_error": {"v_v": [50.0, 0.0]}}, [[231, 73]]),
+        # A column that saturates within its gate.
+        ([[[1e5] * 2, [x, 2e3]] for x in (1e6, 250.0 / 0.82, 1e6)], close(1e3, 1e3) | {"motion": {}},
+         [[[1, 1], [255, 74]], [[1, 1], [85, 64]], [[1, 1], [0, 64]]]),
         # Scene 478 of the co-simulated campaign.
-        ([[1143.9, 3932.8], [847.3, 23428.0]], RANGE, {"integrator_range": {"v_max_v": 1.6, "v_min_v": -1.6}}),
-        (ohms(0, 1, 4, 4), SWIFT, {"integrator_bandwidth": True}),
+        ([[1143.9, 3932.8], [847.3, 23428.0]], RANGE, [[111, 33], [149, 7]]),
     ],
-    ids=["phase", "ripple", "large packet", "packet", "window", "noise", "preset", "motion", "range", "bandwidth"],
+    ids=["phase", "ripple", "large packet", "window", "preset", "motion", "range"],
 )  # fmt: skip
-def test_what_moves_the_mean_charge_of_close_columns_is_refused(
-    tmp_path: Path, ohm: Any, on: dict[str, Any], taken: dict[str, Any]
-) -> None:
-    """Most were read 2 to 23 counts from ngspice without a word: the mean of the walk was not the one in the chip."""
-    taxels = np.array(ohm, dtype=float)
-    taxels = taxels.reshape(-1, *taxels.shape[-2:])
-    said = r"integrator_(gain|bandwidth).*lateral.*certain to 1 LSB.*use engine cosim"
+def test_close_columns_count_as_in_ngspice(tmp_path: Path, ohm: Any, on: dict[str, Any], cosim: Any) -> None:
+    """Of the mean charge of the others alone most were 2 to 23 counts off."""
+    taxels, expected = np.array(ohm, dtype=float), np.array(cosim)
+    codes = event.run(made(tmp_path, taxels.reshape(-1, *taxels.shape[-2:]), on, "direct")).codes
+    # What the walk of coupled columns is certain to.
+    assert np.abs(codes - expected.reshape(codes.shape)).max() <= 1
+
+
+@pytest.mark.paper
+def test_with_motion_a_column_leaks_as_in_the_middle_of_its_gate(tmp_path: Path) -> None:
+    """As where its frame began, the last rows were 6 counts off."""
+    taxels = np.stack([np.full((16, 2), 2e4), np.full((16, 2), 600.0)])
+    gain = {"integrator_gain": {"gain_dc": 300.0, "r_in_ohm": 1e9}, "motion": {}}
+    plan = made(tmp_path, taxels, gain, "direct")
+    assert np.array_equal(event.run(plan).codes[0], columns_reference.codes(plan))
+
+
+@pytest.mark.paper
+def test_columns_whose_coupling_acts_within_a_clock_are_refused(tmp_path: Path) -> None:
+    swift = {"integrator_bandwidth": {"gbw_hz": 1e6}, "lateral": {"r_ohm": 1000.0}}
+    said = r"integrator_bandwidth.*lateral.*certain to 1 LSB.*use engine cosim"
     with pytest.raises(InputError, match=said):
-        event.run(made(tmp_path, taxels, on, "direct"))
-    # It is the coupling: where it does not count they are taken.
-    event.run(made(tmp_path, taxels, on | taken, "direct"))
+        event.run(made(tmp_path, ohms(0, 1, 4, 4), swift, "direct"))
+    event.run(made(tmp_path, ohms(0, 1, 4, 4), swift | {"integrator_bandwidth": True}, "direct"))
+
+
+@pytest.mark.paper
+def test_rtl_refuses_columns_whose_charge_is_not_its_mean(tmp_path: Path) -> None:
+    plan = made(tmp_path, np.array([SIMPLE_RATIOS]), close(369.8144, 32.53386), "direct")
+    assert "coupled columns" in str(rtl.refuses(plan))
+    assert rtl.refuses(made(tmp_path, np.array([SIMPLE_RATIOS]), close(1e5, 1e3), "direct")) is None

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from dermis.array.array import Network, column_currents
 from dermis.converter import walk
-from dermis.converter.coupling import seen_from_grounds
+from dermis.converter.coupling import on_columns, seen_from_grounds
 from dermis.records import Plan
 
 
@@ -22,7 +22,7 @@ def _row(plan: Plan, frame: int, row: int) -> np.ndarray:
     converter, timing, drive, cols = plan.converter, plan.timing, plan.drive, plan.cols
     g = plan.conductance_s()
     behind = plan.next_conductance_s() if drive.motion else g
-    of = walk.cells_of(plan, np.zeros((1, plan.rows, cols)), g[frame : frame + 1])
+    of = walk.cells_of(plan, np.zeros((1, plan.rows, cols)), on_columns(g[frame : frame + 1]))
     cell = {f.name: np.array(getattr(of, f.name)[0, row], dtype=float) for f in dataclasses.fields(of)}
     slow = bool(cell["lag"].any())
     delay = float(cell["delay"][0])

@@ -14,6 +14,7 @@ from dermis import engines, plan
 from dermis.array.array import column_currents
 from dermis.chip import netlist
 from dermis.converter import walk
+from dermis.converter.coupling import on_columns
 from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.scene import extracted, scene
@@ -131,7 +132,7 @@ def test_the_charge_of_the_model_is_that_of_the_slow_reference_clock_by_clock() 
     case = Case(codes=(64, 240), clocks=24)
     made = gate.model(case)
     g = made.conductance_s()
-    cells = walk.cells_of(made, made.converter.duty(column_currents(made.network(0), g)), g)
+    cells = walk.cells_of(made, made.converter.duty(column_currents(made.network(0), g)), on_columns(g))
     for row, slot in enumerate(gate.model_slots(made, case.clocks)):
         cell = {f.name: float(getattr(cells, f.name)[0, row, 0]) for f in dataclasses.fields(cells)}
         exact = walk_reference(cell, case.clocks, made.timing.charge_delay_clocks, digits=20)

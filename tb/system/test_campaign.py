@@ -114,10 +114,10 @@ def _leak(real: Any, cells: walk.Cells, charge_delay: float) -> walk.Rows:
     return real(dataclasses.replace(cells, leak=-cells.leak), charge_delay)
 
 
-def _coupled(real: Any, plan: Plan, g: Any, x: Any) -> Any:
+def _coupled(real: Any, plan: Plan, part: slice) -> Any:
     """Let a result depend on the number of frames in a part."""
-    found = real(plan, g, x)
-    return found and dataclasses.replace(found, x=found.x + 1e-9 * len(g))
+    found = real(plan, part)
+    return found and found._replace(links=found.links * (1.0 + 1e-9 * (part.stop - part.start)))
 
 
 def _first_column(real: Any, *given: Any) -> Any:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from dermis.array.array import Network, column_currents_by_source
 from dermis.converter import injection, ripple
-from dermis.converter.coupling import Coupling, DutyRange, couples, coupling
+from dermis.converter.coupling import couples, coupling
 from dermis.converter.vfc import X_INFINITE, Y_MIN
 from dermis.errors import InputError, SimulatorError
 from dermis.ndarrays import Floats
@@ -67,15 +67,7 @@ def solve_gate(
         network = dataclasses.replace(network, r_row_driven_ohm=min(network.r_row_grounded_ohm, _OPEN_OHM))
     if not plan.drive.motion:
         return currents(network, g)[:, np.newaxis]
-    timing = plan.timing
-    slot = np.arange(plan.rows) * timing.slot_clocks + timing.settle_clocks
-    at = np.concatenate([slot, slot + timing.gate_clocks, slot + timing.gate_clocks / 2])
-    clocks = plan.drive.t_frame_s * timing.f_clk_hz
-    # The last gate may end with the frame: a rounding of its length there would leave a part of a short over, or less
-    # than nothing. A recording may be faster than the chip: then the next frame is reached before the gate is over.
-    if abs(clocks - round(clocks)) <= 1e-9 * clocks:
-        clocks = float(round(clocks))
-    at = np.minimum(at / clocks, 1.0)
+    at = plan.gate_shares().ravel()
     now, then = (np.minimum(v, _G_SHORT_S) for v in (g, plan.next_conductance_s(part)[frames]))
     if not network.active_fields():
         follows = plan.v_bias_v * _between(now, then, at.reshape(3, 1, plan.rows, 1)[:2])
@@ -222,15 +214,16 @@ def _blocks(
     columns: tuple[Floats | None, Floats | None, Floats],
     slow: Floats | None,
     first_row: int = 0,
+    width: int = WIDEST,
 ) -> Iterator[tuple[int, slice, Floats, Floats]]:
-    """(row, its cells, charge [clocks, cells], mean) by `charges`, row after row of every WIDEST cells; the arrays
+    """(row, its cells, charge [clocks, cells], mean) by `charges`, row after row of every `width` cells; the arrays
     are used again. `columns` are `squeeze`, `lag` and `most`.
     """
     rows, _, cells = terms.shape
     squeeze, lag, most = columns
-    scratch, mean = np.empty((len(basis.mean), min(WIDEST, cells))), np.empty(cells)
-    for first in range(0, cells, WIDEST):
-        block = slice(first, min(first + WIDEST, cells))
+    scratch, mean = np.empty((len(basis.mean), min(width, cells))), np.empty(cells)
+    for first in range(0, cells, width):
+        block = slice(first, min(first + width, cells))
         out = scratch[:, : block.stop - first]
         if out.shape[1] != scratch.shape[1]:
             out = np.empty(out.shape)
@@ -302,7 +295,9 @@ def refuses(plan: Plan) -> InputError | None:
         injection.check_lines(plan)
         if couples(plan) or ripple.may_bend(plan):
             first = plan.fullest_frame()
-            Slots(plan, slice(first, first + 1))
+            fullest = slice(first, first + 1)
+            coupling(plan, fullest)
+            Slots(plan, fullest)
     except InputError as error:
         return error
     return None
@@ -323,7 +318,6 @@ class Slots:
         and offset current.
     idle : such coefficients while no row is driven, where that matters and is not nothing, or None
     offset : added behind compression and mirror, packets a clock, [rows, frames * cols]
-    coupling : of the columns of the direct interface, or None
     """
 
     def __init__(self, plan: Plan, part: slice) -> None:
@@ -342,36 +336,18 @@ class Slots:
             return terms.reshape(self.rows, -1, columns.size)
 
         self.terms, self.offset = terms_of(gate_currents), np.tile(offset, (self.rows, 1))
-        self.coupling: Coupling | None = None
-        if couples(plan):
-            behind = plan.next_conductance_s(part) if drive.motion else None
-            mean, duty_range = self._duty_range(behind)
-            self.coupling = coupling(plan, plan.conductance_s(part), mean, duty_range)
-            if self.coupling is not None:
-                self.offset = self.offset + self.coupling.x.transpose(1, 0, 2).reshape(self.rows, -1)
         self.idle = None
         if has_idle_current(plan):
             self.idle = terms_of(idle_currents(plan, part, gate_currents))
-
-    def _duty_range(self, g_behind: Floats | None) -> tuple[Floats, DutyRange]:
-        """Return the mean duties over the gate, [frames, rows, cols], and their range, before compression."""
-        gate = self.basis.mean[self.basis.settle :]
-        ends = [self.terms * pick(gate, axis=0)[:, np.newaxis] for pick in (np.min, np.max)]
-        means = self.terms * gate.mean(axis=0)[:, np.newaxis]
-
-        def duty(parts: Floats) -> Floats:
-            cells = parts.sum(axis=1) + self.offset
-            return cells.reshape(self.rows, self.frames, self.cols).transpose(1, 0, 2)
-
-        return duty(means), DutyRange(duty(np.minimum(*ends)), duty(np.maximum(*ends)), g_behind)
 
     def blocks(self) -> Iterator[tuple[slice, Floats, Floats]]:
         """(cells, charge [clocks, cells], mean [cells]), cells counted row after row; the arrays are used again."""
         cells = self.frames * self.cols
         slow = None if self._columns[1] is None else np.zeros(cells)
-        for row, block, charge, mean in _blocks(
-            self.basis, self.terms, self.idle, self.offset, self._columns, slow
-        ):
+        # Columns that are coupled are walked together.
+        width = WIDEST // self.cols * self.cols or WIDEST
+        given = self.basis, self.terms, self.idle, self.offset, self._columns, slow
+        for row, block, charge, mean in _blocks(*given, width=width):
             # `charges` divides by currents and clips: a clip keeps NaN, so the mean shows every NaN.
             if not np.isfinite(mean).all():
                 raise SimulatorError(f"the input charge of row {row} is not a finite number")

@@ -233,10 +233,11 @@ def _last(gate, table, g_column, mean, doubt, low, held, c, key):  # type: ignor
 class Run(namedtuple("Run", "currents g_column idle swing_sum apart_lsb seed first")):
     """Input of `decide_cells`, the same for all of its cells or an array over them.
 
-    `currents` are those of `course.solve_gate`. `g_column`, `idle` [frames, cols] conductance on
-    each column, and most of a settled mirror while no row is driven. `swing_sum` [frames, rows] sum of the sine of the
-    ripple over the gate. `apart_lsb` [cols] packets by which levels may differ for a reason outside the model. `seed`
-    of the random numbers, and the number of frame 0 in the whole run (`first`).
+    `currents` are those of `course.solve_gate`. `g_column` [frames, rows, cols] conductance on each column in
+    the gate of each row, `idle` [frames, cols] most of a settled mirror while no row is driven. `swing_sum`
+    [frames, rows] sum of the sine of the ripple over the gate. `apart_lsb` [cols] packets by which levels may
+    differ for a reason outside the model. `seed` of the random numbers, and the number of frame 0 in the whole
+    run (`first`).
     """
 
     __slots__ = ()
@@ -410,7 +411,7 @@ def decide_cells(gate, on, table, run, out, tally, ratios):  # type: ignore
                     out.begin[f, r, c] = row[BEGIN + 2, c]
             of_row, swing_sum = noise.row_key(run.seed, run.first + f, r), run.swing_sum[f, r]
             for c in range(cols):
-                g_column, apart, key = run.g_column[f, c], run.apart_lsb[c], noise.key_in_row(of_row, c)
+                g_column, apart, key = run.g_column[f, r, c], run.apart_lsb[c], noise.key_in_row(of_row, c)
                 s, clipped = _cell(gate, table, row, kappas[c], g_column, swing_sum, c)
                 code, open_, shift, error, ratio, by_numbers, calm = _decide_cell(
                     gate, on, table, s, clipped, g_column, apart, key, c, number % EACH == 0, tally

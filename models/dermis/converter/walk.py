@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dermis.array.array import column_currents
 from dermis.converter import course, noise, walk_loops
-from dermis.converter.coupling import Coupling, coupling, on_columns
+from dermis.converter.coupling import Coupling, columns_in_gates, coupling
 from dermis.converter.course import Slots
 from dermis.converter.vfc import W_PRESET, Converter
 from dermis.errors import SimulatorError
@@ -64,26 +64,32 @@ class Noise(NamedTuple):
     keys: NDArray[np.uint64]
 
 
-def count_frames(plan: Plan, part: slice, random: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Counts, mean duties and charges at the end of some frames, [frames, rows, cols] each."""
+Counts = tuple[NDArray[np.int64], Floats, Floats, Floats]
+"""Counts, mean duties but for what coupled columns give, charges at the end, and that: packets a clock on the mean."""
+
+
+def count_frames(plan: Plan, part: slice, random: bool, given: Floats | None = None) -> Counts:
+    """Count some frames, [frames, rows, cols] each; `given` in place of what coupled columns give each other."""
     g = plan.conductance_s(part)
     keys = noise.cell_keys(plan.seed, plan.first_frame + part.start, g.shape) if random else None
-    column_s = on_columns(g)
+    column_s = columns_in_gates(plan, part)
+    coupled = coupling(plan, part)
+    if coupled is not None and given is not None:
+        coupled = coupled._replace(links=None)
+    given = np.zeros(g.shape) if given is None else given
     if not plan.active_fields() & course.FIELDS:
-        x = plan.converter.duty(column_currents(plan.network(0), g))
-        coupled = coupling(plan, g, x)
-        if coupled is None:
-            return count(plan, plan.converter, x, column_s, keys)
-        return count(plan, plan.converter, x + coupled.x, column_s, keys, across_s=coupled.across_s)
+        x = plan.converter.duty(column_currents(plan.network(0), g)) + given
+        return count(plan, plan.converter, x, column_s, keys, coupled=coupled)
     slots = Slots(plan, part)
-    across_s = None if slots.coupling is None else slots.coupling.across_s.swapaxes(0, 1)
+    slots.offset += given.swapaxes(0, 1).reshape(slots.offset.shape)
     by_row = np.zeros((slots.rows, slots.frames, slots.cols))
     keys = None if keys is None else keys.swapaxes(0, 1)
-    found = count(
-        plan, plan.converter, by_row, column_s.swapaxes(0, 1), keys, slots.blocks(), across_s=across_s
+    coupled = (
+        None if coupled is None else Coupling(*(None if of is None else of.swapaxes(0, 1) for of in coupled))
     )
-    counts, x, end = (values.swapaxes(0, 1) for values in found)
-    return counts, x, end
+    found = count(plan, plan.converter, by_row, column_s.swapaxes(0, 1), keys, slots.blocks(), coupled)
+    counts, x, end, given = (values.swapaxes(0, 1) for values in found)
+    return counts, x, end, given
 
 
 def count(
@@ -93,9 +99,9 @@ def count(
     column_s: Floats,
     keys: NDArray[np.uint64] | None,
     blocks: Iterable[tuple[slice, Floats, Floats]] | None = None,
-    across_s: Floats | None = None,
-) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Counts, mean duties and charges at the end of cells, shaped as `x`.
+    coupled: Coupling | None = None,
+) -> Counts:
+    """Count cells, shaped as `x`.
 
     Parameters
     ----------
@@ -105,10 +111,10 @@ def count(
     keys : of random numbers, shaped as x, or None
     blocks : (slice of the flat cells, charge of every clock [clocks, cells], mean [cells]) if the charge changes from
         clock to clock
-    across_s : conductance that the input of a coupled column sees, or None
+    coupled : coupling of the cells, which are whole rows, or None
     """
     timing, draws = plan.timing, None
-    cells = _cells(converter, x, _input_s(plan, converter, column_s, across_s))
+    cells = _cells(converter, x, _input_s(plan, converter, column_s, coupled))
     if keys is not None:
         cells = _with_slot_noise(converter, cells, keys)
         if plan.active_fields() & RANDOM - _SLOT_RANDOM:
@@ -117,32 +123,33 @@ def count(
             variance = 2.0 * converter.kt_noise_j * column_s * share**2 / (converter.f_clk_hz * packet_c**2)
             variance = np.broadcast_to(variance, x.shape)
             draws = Noise(noise_rows(converter, x, variance), keys.flatten())
-    if blocks is None:
+    if blocks is None and coupled is None:
         counts, end = count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)
-        return counts, x, end
+        return counts, x, end, np.zeros_like(x)
     rows = rows_of(cells, timing.charge_delay_clocks)
-    counts, (means, end) = np.empty(x.size, dtype=np.int64), np.empty((2, x.size))
-    for block, charge, mean in blocks:
+    counts, (means, end, given) = np.empty(x.size, dtype=np.int64), np.zeros((3, x.size))
+    links = None if coupled is None or coupled.links is None else coupled.links.reshape(x.size, 2, -1)
+    for block, charge, mean in blocks or [(slice(0, x.size), rows.cells.x[np.newaxis], x.reshape(-1))]:
         means[block] = mean
         if draws is not None:
             column = np.arange(block.start, block.stop) % converter.cols
             draws.rows[:, block] = noise_rows(converter, mean, variance.flat[block], column)
-        walk_cells(timing.gate_clocks, timing.charge_delay_clocks, charge, rows, draws, block, counts, end)
-    return counts.reshape(x.shape), means.reshape(x.shape), end.reshape(x.shape)
+        clocks = timing.gate_clocks, timing.charge_delay_clocks
+        walk_cells(*clocks, charge, rows, draws, block, counts, end, links, given)
+    return counts.reshape(x.shape), *(of.reshape(x.shape) for of in (means, end, given))
 
 
-def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None = None) -> Cells:
-    """Turn the converters of a plan into packets and clocks, for x and g [frames, rows, cols]."""
-    across_s = None if coupled is None else coupled.across_s
-    return _cells(plan.converter, x, _input_s(plan, plan.converter, on_columns(g_taxel_s), across_s))
+def cells_of(plan: Plan, x: Floats, column_s: Floats, coupled: Coupling | None = None) -> Cells:
+    """Turn the converters of a plan into packets and clocks, for x and conductances of columns [frames, rows, cols]."""
+    return _cells(plan.converter, x, _input_s(plan, plan.converter, column_s, coupled))
 
 
-def _input_s(plan: Plan, converter: Converter, column_s: Floats, across_s: Floats | None) -> Floats | None:
+def _input_s(plan: Plan, converter: Converter, column_s: Floats, coupled: Coupling | None) -> Floats | None:
     """Return the conductance across the input of integrators, None where no charge is lost through it."""
     if not (converter.inv_gain_dc.any() or converter.t_gbw_s.any()):
         return None
-    if across_s is not None:
-        return converter.g_in_s + across_s
+    if coupled is not None:
+        return converter.g_in_s + coupled.across_s
     # The virtual ground of the direct interface carries the whole column, whichever row is driven.
     return converter.g_in_s + column_s if plan.topology == "direct" else converter.g_in_s
 
@@ -266,16 +273,22 @@ def walk_cells(
     block: slice,
     counts: NDArray[np.int64],
     end: Floats,
+    links: Floats | None = None,
+    given: Floats | None = None,
 ) -> None:
-    """Count a block of `rows`; x and the rest as for converter.walk_loops.walk."""
+    """Count a block of `rows`, whose `links` [n, 2, cols] are those of all of them; the rest as for
+    converter.walk_loops.walk.
+    """
     of, keys = (None, None) if draws is None else draws
     step = None if of is None else walk_loops.grid_step(of[walk_loops.SIGMA], clocks)
     lags = True if rows.lags else None
     limits = None if of is None and rows.one_step else True
     early = None if limits is None and rows.at_edge else True
+    links = None if links is None else np.ascontiguousarray(links[block])
     walk_loops.walk(
-        clocks, late, x, rows.cells, lags, early, limits, of, keys, step, block.start, block.stop, counts, end
-    )
+        clocks, late, x, rows.cells, lags, early, limits, of, keys, step, links, block.start, block.stop,
+        counts, end, given,
+    )  # fmt: skip
     _check_charge(end[block])
 
 

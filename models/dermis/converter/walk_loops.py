@@ -45,7 +45,10 @@ SIGMA, WHITE, SLOPE, APERTURE = range(4)
 (PACKET, RISE, FALL, FOLLOWS, LOW, HIGH, NEAR_LOW, NEAR_HIGH, LEAST, MOST) = range(
     35 * BLOCK, 45 * BLOCK, BLOCK
 )
-(REST, SAMPLE, DRIFT, CREEP, LOWEST, HIGHEST, STAY, PLACES) = range(45 * BLOCK, 53 * BLOCK, BLOCK)
+(REST, SAMPLE, DRIFT, CREEP, LOWEST, HIGHEST, STAY) = range(45 * BLOCK, 52 * BLOCK, BLOCK)
+# Of coupled columns: the charge of the clock without the others, the part of an output by which its virtual ground
+# is off, how far it is off on the mean of the clock, what the others give in the clock, and the sum of that.
+(ALONE, SHARE, GROUND, GIVES, GIVEN, PLACES) = range(52 * BLOCK, 58 * BLOCK, BLOCK)
 
 # Charge a clock up to which a limit is seen inside a clock too; more ends at the limit anyway.
 SLOPE_MAX = 2.0
@@ -348,8 +351,8 @@ def _marked(own, c, sample, a, b, lags, noise):  # type: ignore
 
 
 @_part
-def _clock(own, marks, c, lags, early, limits, noise):  # type: ignore
-    """Take a cell through one clock; where its decision is not known for certain, mark it."""
+def _ahead(own, c, lags, limits):  # type: ignore
+    """Return both parts of the output at the end of a clock."""
     a, b, x, q1, q2 = own[A + c], own[B + c], own[X + c], own[Q1 + c], own[Q2 + c]
     new_a = own[KEEP_A + c] * a + own[GAIN_A + c] * x - own[TAKE_A + c] * q2 - own[HALF_A + c] * q1
     new_b = 0.0
@@ -357,6 +360,36 @@ def _clock(own, marks, c, lags, early, limits, noise):  # type: ignore
         new_a = _within(own, c, new_a)
     if lags is not None:
         new_b = own[KEEP_B + c] * b + own[GAIN_B + c] * x - own[TAKE_B + c] * q2 - own[HALF_B + c] * q1
+    return new_a, new_b
+
+
+@_part
+def _couple(own, wide, links, time, lags, limits):  # type: ignore
+    """Add to the charge of a clock what other columns of the row give way to.
+
+    A virtual ground is off by what the output lags behind the charge, whose integral over a clock is the lag times the
+    change of the output, and by its share of the output. The end of the clock is taken from the
+    charge that the others gave in the clock before. `time` runs from -1/2 to 1/2 over the gate.
+    """
+    cols = links.shape[2]
+    for c in range(wide):
+        own[X + c] = own[ALONE + c] + own[GIVES + c]
+        a, b = _ahead(own, c, lags, limits)
+        before, end = own[A + c] + own[B + c], a + b
+        own[GROUND + c] = own[FOLLOWS + c] * (end - before) + own[SHARE + c] * 0.5 * (before + end)
+    for c in range(wide):
+        gives, row, first = 0.0, links[c], c - c % cols
+        for d in range(cols):
+            gives += (row[0, d] + time * row[1, d]) * own[GROUND + first + d]
+        own[X + c], own[GIVES + c] = own[ALONE + c] + gives, gives
+        own[GIVEN + c] += gives
+
+
+@_part
+def _clock(own, marks, c, lags, early, limits, noise):  # type: ignore
+    """Take a cell through one clock; where its decision is not known for certain, mark it."""
+    a, b, x, q1, q2 = own[A + c], own[B + c], own[X + c], own[Q1 + c], own[Q2 + c]
+    new_a, new_b = _ahead(own, c, lags, limits)
     sample = new_a + new_b
     if early is not None:
         sample = own[EARLY_A + c] * a + own[EARLY_X + c] * x - own[EARLY_2 + c] * q2 - own[EARLY_1 + c] * q1
@@ -443,7 +476,7 @@ def _decide_again(own, grid, n, step, late, c, i, lags, noise, keys):  # type: i
 
 @numba.njit(cache=True, error_model="numpy")
 def walk(  # type: ignore
-    clocks, late, x, cells, lags, early, limits, noise, keys, step, begin, stop, counts, end
+    clocks, late, x, cells, lags, early, limits, noise, keys, step, links, begin, stop, counts, end, given
 ):
     """Count the ones of `clocks` decisions for every cell; the charge after the last one into `end`.
 
@@ -457,8 +490,11 @@ def walk(  # type: ignore
     limits : True, or None if there is no range, no noise, and `fall` is `rise`
     noise : [4, n], keys : [n], step : int, or all None
         What is random, and how far apart the Brownian path is laid out beforehand.
+    links : [stop - begin, 2, cols], or None
+        Of cells that are whole rows of coupled columns, the charge a clock that each gets while the virtual ground of a
+        column is off by a packet, in the middle of the gate, and by how much that changes over the gate.
     begin, stop : which of the n cells
-    counts, end : [n], results
+    counts, end, given : [n], results; `given` [n or 0] is the mean charge a clock from the others
     """
     # One array for all that the loop over cells touches: that its parts do not overlap is then plain to the
     # compiler, which otherwise gives up vector instructions rather than compare every pair of them.
@@ -468,8 +504,9 @@ def walk(  # type: ignore
     if noise is not None:
         span = max(span_of(clocks), step)
         grid = np.zeros((BLOCK, span // step + 1))
-    for first in range(begin, stop, BLOCK):
-        wide = min(BLOCK, stop - first)
+    at_once = BLOCK if links is None else BLOCK // links.shape[2] * links.shape[2]
+    for first in range(begin, stop, at_once):
+        wide = min(at_once, stop - first)
         marks[:] = 0
         for c in range(wide):
             i = first + c
@@ -477,6 +514,10 @@ def walk(  # type: ignore
             if noise is not None:
                 walk_grid(keys[i], span, step, grid[c])
                 _load_noise(own, c, i, late, noise, step)
+            if links is not None:
+                across = cells.across[i]
+                own[SHARE + c] = cells.leak[i] / across if across > 0.0 else 0.0
+                own[GIVES + c] = own[GIVEN + c] = 0.0
         for n in range(clocks):
             if noise is not None:
                 if n % step == 0:
@@ -485,8 +526,14 @@ def walk(  # type: ignore
                         own[CREEP + c] = sigma * (grid[c, n // step + 1] - left) / step
                         own[DRIFT + c] = sigma * left
             if n < len(x):
+                to = X
+                if links is not None:
+                    to = ALONE
                 for c in range(wide):
-                    own[X + c] = x[n, first - begin + c]
+                    own[to + c] = x[n, first - begin + c]
+            if links is not None:
+                time = (n + 0.5) / clocks - 0.5
+                _couple(own, wide, links[first - begin : first - begin + wide], time, lags, limits)
             for c in range(wide):
                 _clock(own, marks, c, lags, early, limits, noise)
             if limits is None:
@@ -500,3 +547,5 @@ def walk(  # type: ignore
         for c in range(wide):
             i = first + c
             counts[i], end[i] = int(own[ONES + c]), _charge(own, c, own[A + c], own[B + c], lags)
+            if links is not None:
+                given[i] = own[GIVEN + c] / clocks

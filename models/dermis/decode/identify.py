@@ -62,6 +62,8 @@ CURRENTS_OFF = 0.03
 """Share of the full scale by which readings of test currents may differ from a straight line: any mismatch is less."""
 CYCLE_OFF = 5.0
 """Roundings and noises that the readings of a cycle may be off, rms: 1.3 where forces and codes belong together."""
+FEW_LOADS = 8
+"""Loads below which a large residual may be that of a fit that does not find the network."""
 SHARE_BAD = 0.34
 """Share of bad loads from which on no fit can tell the good from the bad."""
 
@@ -167,7 +169,8 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     if len(bad) > SHARE_BAD * len(loads) or middle > 0.2:
         worst = ", ".join(sorted(by_load, key=lambda n: -by_load[n])[:4])
         said = f"loads contradict each other by {middle:.0%} of a reading"
-        raise ContradictionError(f"{said}; largest: {worst}")
+        few = f", or {len(loads)} are too few to tell the network from them" if len(loads) < FEW_LOADS else ""
+        raise ContradictionError(f"{said}{few}; largest: {worst}")
     good = [load for load in loads if load.name not in bad]
     own = fit.calibration.own if len(fit.calibration.own) < fit.calibration.factor.size / 2 else ()
     forces = np.unique([load.force_n for load in good])

@@ -83,11 +83,13 @@ FACTORS = {
 """Factors of the units of pressure, force and resistance to the unit of `recording.UNITS`."""
 _RAW = ("counts", "count", "adc", "raw", "lsb", "code", "codes", "bit", "bits", "digits", "au", "a.u.")
 """Units of readings that are no physical ones."""
-_UNIT = re.compile(r"[\[(]([^\])\d]*[^\W\d][^\])\d]*2?)[\])]|\d[ _.]+([^\W\d_]+)$")
+_UNIT = re.compile(r"[\[(]((?!\d+[\])])[^\])]*)[\])]|\d[ _.]+([^\W\d_]+)$")
 """Unit in the name of a taxel: in brackets, or after its number."""
+_MAYBE_UNIT = re.compile(r"^\W*[^\W\d]{1,3}$|[/^²%]|[a-z][A-Z]|^[\d.,]+\W*[^\W\d]|[^\W\d]\W+\d")
+"""A short word, or one with marks or a number; others are names."""
 _STATED = re.compile(
     r"(?:.*(?:pressure|force)s?(?: values)? in|[#%\s]*(?:force|pressure|values?|taxels?|data|sensor)?\s*units?\s*[:=])"
-    r"\s*(\S+)\s*$",
+    r"\s*((?:[\d.]+ +)?\S+)\s*$",
     re.IGNORECASE,
 )
 """Unit of the values in a comment."""
@@ -505,12 +507,12 @@ class Table:
         if len(stated) > 1:
             warn(self.path, f"comments state several units, and none is taken: {', '.join(stated)}")
             stated = []
-        named = _UNIT.findall(name)  # in brackets, or after a number; the last known one counts
-        if any(found.scale(unit) for unit in (*stated, *("".join(pair) for pair in reversed(named)))):
+        named = ["".join(pair) for pair in _UNIT.findall(name)]  # in brackets, or after a number
+        # The last known one counts.
+        if any(found.scale(unit) for unit in (*stated, *reversed(named))):
             return
-        for unit, _ in named:
-            # A short word, or one with marks, may be a unit; others are names.
-            if re.search(r"^\W*\w{1,2}$|[/^²]|[a-z][A-Z]", unit):
+        for unit in (*stated, *named):
+            if unit in stated or _MAYBE_UNIT.search(unit):
                 warn(self.path, f"{quoted(unit)} is no unit that is known: values are taken as they are")
 
     def _chosen(self) -> list[int] | None:
@@ -545,7 +547,7 @@ class Table:
                 allowed = "a number, a clock, or a date as 2024-03-04 12:00:00; or --rate"
                 raise self._ask(names[alone[0]], quoted(first[alone[0]]), allowed)
             spans = [span for span in map(self._span, named) if span is not None]
-            if spans and max(spans) > 1.1 * min(spans):
+            if len(spans) > 1 and max(spans) > 1.1 * min(spans):
                 listed = " and ".join(self.names[k] for k in named[:2])
                 warn(self.path, f"{listed} differ: {self.names[named[0]]} is taken; --time-key otherwise")
             if named:
@@ -618,8 +620,10 @@ class Table:
             warn(self.path, "names do not say the places of the chosen columns; taken row by row")
             return "row by row, as in the file", chosen, None, True
         if len(parts) != 1:
-            listed = ", ".join(f"{len(g)} of {self.names[g[0]]}" for g in parts[:6]) or "no numbers"
-            raise self._unclear(listed, "--part N for one of several arrays")
+            listed = ", ".join(f"{len(g)} of {self.names[g[0]]}" for g in parts[:6]) or "no taxels by number"
+            raise self._unclear(
+                listed, "--part N for one of several arrays; a line with one value is not read"
+            )
         columns, first = parts[0], self.names[parts[0][0]]
         texts = _template(first)[0].split("#")
         numbers = np.array([[min(n, PLACES_MAX) for n in _template(self.names[k])[1]] for k in columns])
@@ -873,6 +877,7 @@ class Table:
             if square(width) and width != height and not layout.rows and width >= 36:
                 raise self._ask("blocks", said, "--rows and --cols of a frame")
             whole = heights == height
+            self._refuse_numbered(found.values[whole[self.block]].reshape(-1, height, width))
             for n in np.flatnonzero(~whole):
                 name = self.label[n][0] if n in self.label else n
                 warn(self.path, f"frame {name} has {heights[n]} of {height} lines: missing as a whole")
@@ -887,6 +892,21 @@ class Table:
                 found.time, found.time_unit = past_midnight(time), "s"
                 found.time_from = "stamps of the frames"
         return found
+
+    def _refuse_numbered(self, frames: Floats) -> None:
+        """Ask about frames [frames, rows, cols] without names, whose first column may number rows or frames, or be a
+        time.
+        """
+        layout, first = self.layout, frames[:, :, 0]
+        if self.names or layout.cols or layout.taxels or layout.skip is not None or frames.shape[2] < 2:
+            return
+        steps = np.diff(first, axis=1)
+        rows = (steps == 1).all() and np.isin(first[:, 0], (0, 1)).all()
+        in_time = len(first) > 1 and (steps >= 0).all() and (np.diff(first[:, 0]) > 0).all()
+        in_time = in_time and (first[1:, 0] >= first[:-1, -1]).all()
+        if steps.size and (rows or in_time):
+            shown = ", ".join(f"{value:g}" for value in first.ravel()[:6])
+            raise self._ask("column 0", f"{shown} ...", "--skip 1 if that is no taxel, --cols if it is")
 
 
 def _by_day(dates: Sequence[str]) -> list[str] | None:

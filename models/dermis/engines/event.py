@@ -77,7 +77,8 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     random = bool(plan.active_fields() & walk.RANDOM)
     injection.check_lines(plan)
     for part in plan.parts(_VALUES_AT_ONCE):
-        counts, x_all[part], w_end[part] = walk.count_frames(plan, part, random)
+        counts, x, w_end[part], given = walk.count_frames(plan, part, random)
+        x_all[part] = x + given
         codes[part] = np.minimum(counts, timing.code_max)
         if progress is not None:
             progress(part.stop * plan.rows)

@@ -19,7 +19,7 @@ from dermis import bounds
 from dermis.bounds import Bounding
 from dermis.converter import course, injection, noise, walk
 from dermis.converter import decide as loops
-from dermis.converter.coupling import couples, on_columns
+from dermis.converter.coupling import columns_in_gates, couples, on_columns
 from dermis.converter.vfc import code_type
 from dermis.effects import EFFECTS
 from dermis.engines import Result, event
@@ -119,7 +119,7 @@ class _Part:
         self.active = plan.active_fields()
         self.random = bool(self.active & walk.RANDOM)
         self.slow_mirror = "q_mirror_c" in self.active
-        self.g_column_s = on_columns(self.g)[:, 0]
+        self.g_column_s = np.array(columns_in_gates(plan, part))
         self.seed, self.first = np.uint64(plan.seed), plan.first_frame + part.start
         self._solve(np.broadcast_to(apart_lsb, plan.cols).astype(float))
 
@@ -137,7 +137,7 @@ class _Part:
         if self.slow_mirror and course.has_idle_current(plan):
             # No line is further from the others than the sources of offsets and leaks, whatever is on.
             side = 2.0 * rows * network.g_lateral_row_s
-            most_s = self.g_column_s
+            most_s = on_columns(self.g)[:, 0]
             if drive.motion:
                 most_s = np.maximum(most_s, on_columns(plan.next_conductance_s(self.part))[:, 0])
             amperes = np.abs(network.i_leak_a).sum() + _largest_v(plan) * (most_s + side)
@@ -197,7 +197,7 @@ class _Part:
             x = converter.duty(self.gate_currents[0, 0][cells] + self.gate_currents[1, 0][cells])
         keys = noise.chosen_keys(plan.seed, self.first, cells) if self.random else None
         counts = np.empty(order.size, dtype=np.int64)
-        counts[order], *_ = walk.count(plan, converter, x, self.g_column_s[cells[0], cells[2]], keys, blocks)
+        counts[order], *_ = walk.count(plan, converter, x, self.g_column_s[cells], keys, blocks)
         return counts
 
     def _depth(self, cells: Cells) -> NDArray[np.intp]:

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from dermis.array.array import column_currents
 from dermis.chip import hdl, netlist, read_out, spi_protocol
 from dermis.chip.sources import listed, rtl_include_dirs, rtl_sources
-from dermis.converter import coupling, course, injection, walk, walk_loops
+from dermis.converter import course, injection, walk, walk_loops
+from dermis.converter.coupling import Coupling, columns_in_gates, couples, coupling
 from dermis.converter.vfc import code_type
 from dermis.engines import Result, event
 from dermis.errors import InputError, SimulatorError
@@ -40,7 +41,13 @@ FRAME_LIMIT_S = 120.0
 
 def refuses(plan: Plan) -> InputError | None:
     """Return the error for a plan outside the limits of the chip or of the array solve, or None."""
-    return hdl.beyond_the_chip(plan) or event.refuses(plan)
+    if (error := hdl.beyond_the_chip(plan) or event.refuses(plan)) is None and couples(plan):
+        first = plan.fullest_frame()
+        try:
+            _given(plan, slice(first, first + 1))
+        except InputError as refused:
+            return refused
+    return error
 
 
 def run(
@@ -142,37 +149,51 @@ class Currents:
         break after a row
     basis : [1 + clocks of a slot, terms], functions of time where a row is driven, and as means over a slot's clocks;
         one term where a current is constant in its slot
-    coupling : how columns of the direct interface move each other; its current is in `cells` already
+    coupling : of the columns of the direct interface; the mean of what they give each other is in `cells`
     """
 
     cells: Floats
     basis: Floats
-    coupling: coupling.Coupling | None = None
+    coupling: Coupling | None = None
 
 
 def currents_of(plan: Plan, part: slice) -> Currents:
     """Column currents of some frames; where they change in time, as engine event has them."""
     injection.check_lines(plan, part)
-    converter = plan.converter
+    converter, given = plan.converter, 0.0
+    if (coupled := coupling(plan, part)) is not None:
+        given = _given(plan, part)
     if not plan.active_fields() & (course.FIELDS - {"q_mirror_c"}) and not course.has_idle_current(plan):
-        g, most = plan.conductance_s(part), converter.saturating_duty()
-        current = column_currents(plan.network(0), g)
-        coupled = coupling.coupling(plan, g, converter.duty(current))
+        most = converter.saturating_duty()
+        current = column_currents(plan.network(0), plan.conductance_s(part))
         with np.errstate(over="ignore"):
             unit = np.clip(current / (converter.k * converter.i0_a), -most, most)
-        if coupled is not None:
-            unit = unit + coupled.x
-        return Currents(unit[..., np.newaxis], np.ones((1, 1)), coupled)
+        return Currents((unit + given)[..., np.newaxis], np.ones((1, 1)), coupled)
     slots = course.Slots(plan, part)
     gain = np.tile(converter.gain, slots.frames)
     # A row is followed by the break in front of the next one.
     behind = [] if slots.idle is None else [np.roll(slots.idle / gain, -1, axis=0)]
     cells = np.concatenate([slots.terms / gain, *behind], axis=1)
     cells = cells.reshape(slots.rows, -1, slots.frames, slots.cols).transpose(2, 0, 3, 1)
-    if slots.coupling is not None:
-        cells[..., 0] += slots.coupling.x
+    cells[..., 0] += given
     basis = np.concatenate([slots.basis.begin[np.newaxis], slots.basis.mean])
-    return Currents(cells, basis, slots.coupling)
+    return Currents(cells, basis, coupled)
+
+
+def _given(plan: Plan, part: slice) -> Floats:
+    """Return what coupled columns give each other on the mean of a gate, packets a clock [frames, rows, cols].
+
+    InputError where that reads codes more than 1 LSB from those of engine event, which takes it clock by clock.
+    """
+    counts, _, _, given = walk.count_frames(plan, part, random=False)
+    by_mean, *_ = walk.count_frames(plan, part, random=False, given=given)
+    apart = np.ptp(np.minimum([counts, by_mean], plan.timing.code_max), axis=0).max()
+    if apart > 1:
+        allowed = (
+            f"event or cosim where coupled columns move codes by their course in a gate (here {apart} LSB)"
+        )
+        raise InputError(plan.scene.path, "run.engine", "rtl", allowed)
+    return given
 
 
 def write_inputs(
@@ -194,12 +215,12 @@ def write_inputs(
 
 
 def run_time_values(
-    plan: Plan, part: slice, coupled: coupling.Coupling | None, each: bool, sync_latch: bool
+    plan: Plan, part: slice, coupled: Coupling | None, each: bool, sync_latch: bool
 ) -> Floats:
     """Run-time values of values.vh, [frames, rows, cols, VALUES]; without `each` those of the first row alone."""
-    g = plan.conductance_s(part if each else slice(part.start, part.start + 1))
+    column_s = columns_in_gates(plan, part if each else slice(part.start, part.start + 1))
     converter, active = plan.converter, plan.active_fields()
-    column = walk.cells_of(plan, np.zeros(g.shape), g, coupled)
+    column = walk.cells_of(plan, np.zeros(column_s.shape), column_s, coupled)
     if not each:
         column = walk.Cells(**{name: value[:, :1] for name, value in vars(column).items()})
 

@@ -62,7 +62,7 @@ def _top(made: Plan, codes: NDArray[Any]) -> int:
 def strongest(codes: NDArray[Any]) -> tuple[int, str]:
     """Return the frame with the largest sum of codes, and its words behind a title; "" for the only frame."""
     frame = int(np.argmax(codes.reshape(len(codes), -1).sum(axis=1, dtype=float)))
-    return frame, f", frame {frame} of {len(codes)}" if len(codes) > 1 else ""
+    return frame, f", frame {frame} of 0 to {len(codes) - 1}" if len(codes) > 1 else ""
 
 
 def frame_figure(
@@ -86,17 +86,21 @@ def frame_figure(
     code_max, top = made.timing.code_max, _top(made, codes)
     steps = made.timing.gate_clocks * made.part(frame, frame + 1).duty_ideal()[0]
     maps = {"press": np.minimum(steps, code_max), "codes": codes[frame]}
-    titles = f"Stimulus: force on the taxel{which}", f"Code that the chip reports{which}"
+    ticks = [round(top * part / 4) for part in range(5)]
+    ideal_n = made.force_of_duty(np.outer(ticks, np.ones(made.cols)) / made.timing.gate_clocks)
+    # Columns of another k have forces of their own for a code.
+    alike = bool((ideal_n == ideal_n[:, :1]).all())
+    stimulus = "Stimulus: force on the taxel" if alike else "Stimulus: ideal code of the force, by its column"
+    titles = f"{stimulus}{which}", f"Code that the chip reports{which}"
     for (name, values), title in zip(maps.items(), titles, strict=True):
         image = axes[name].imshow(values, cmap="viridis", interpolation="nearest", vmin=0, vmax=top)
         axes[name].set(xlabel="column", ylabel="row")
         axes[name].set_title(title, fontsize=10)
         axes[name].locator_params(integer=True)
-    ticks = [round(top * part / 4) for part in range(5)]
-    ideal_n = made.force_of_duty(np.outer(ticks, np.ones(made.cols)) / made.timing.gate_clocks)[:, 0]
     both = [axes["press"], axes["codes"]]
-    bar = parts[0].colorbar(image, ax=both, ticks=ticks, label="code (ideal force)")
-    words = [f"{code}  ({force:.3g} N)" for code, force in zip(ticks, ideal_n, strict=True)]
+    bar = parts[0].colorbar(image, ax=both, ticks=ticks, label="code (ideal force)" if alike else "code")
+    forces = [f"  ({force:.3g} N)" if alike else "" for force in ideal_n[:, 0]]
+    words = [f"{code}{force}" for code, force in zip(ticks, forces, strict=True)]
     bar.ax.set_yticklabels(words, fontsize=8)
     _curves(made, codes, top, fit, axes["curve"], axes["rest"])
     save(figure, path)

@@ -22,7 +22,7 @@ from dermis import plan
 from dermis.converter import vfc
 from dermis.decode.force import decode
 from dermis.errors import DermisError, InputError, one_line, optional
-from dermis.files import write_atomic
+from dermis.files import check_place, write_atomic
 from dermis.places import BUILD
 from dermis.records import Plan
 from dermis.report import figures, output, verdict
@@ -209,8 +209,7 @@ def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
     Raises InputError before the command runs if jinja2 is missing, or the page cannot be written.
     """
     optional("jinja2", "report")
-    if path.is_dir() or not path.parent.is_dir():
-        raise InputError("command line", "--html", str(path), "a file in a directory that is there")
+    check_place(path, "--html")
     if path.is_file() and not path.read_bytes()[:15].lower().startswith((b"<!doctype html", b"<html")):
         raise InputError("command line", "--html", str(path), "a new file, or an earlier page to replace")
     tables, runs, maps = len(verdict.WRITTEN), len(output.WRITTEN), len(output.MAPS)

@@ -83,7 +83,7 @@ def forces_of(values: Floats, unit: str, plan: Plan, area_mm2: float | None, sca
     with np.errstate(over="ignore"):  # refused below
         force = force * scale
     if not (missing | ((force >= 0) & np.isfinite(force))).all():
-        allowed = "finite forces from 0; --clip-negative takes smaller ones as 0"
+        allowed = "finite forces from 0; --missing N for a value that is none, --clip-negative for 0"
         raise InputError("recording", "values", f"{spread} {unit}", allowed)
     return force + 0.0
 

@@ -20,7 +20,6 @@ import numpy as np
 
 from dermis import engines
 from dermis import plan as planning
-from dermis.array.array import column_currents
 from dermis.converter import coupling, vfc, walk
 from dermis.engines import Result, closed, event
 from dermis.errors import InputError, SimulatorError
@@ -132,8 +131,9 @@ def fifty_digits(s: Subject) -> Iterator[str]:
         return
     rng = s.rng("fifty_digits")
     f, r, c = s.cell(rng)
-    coupled = coupling.coupling(s.plan, s.plan.conductance_s(), s.x)
-    cells = walk.cells_of(s.plan, s.x, s.plan.conductance_s(), coupled)
+    every = slice(0, s.plan.frames)
+    coupled = coupling.coupling(s.plan, every)
+    cells = walk.cells_of(s.plan, s.x, coupling.columns_in_gates(s.plan, every), coupled)
     cell = {k.name: float(getattr(cells, k.name)[f, r, c]) for k in dataclasses.fields(walk.Cells)}
     if abs(cell["x"]) > 1e6 or cell["across"] > 1e6:  # the reference stops at every change
         return
@@ -227,18 +227,18 @@ def symmetric(s: Subject) -> Iterator[str]:
     before, after = (np.clip(v, -most, most) for v in (x, other.info["x"]))
     # Offsets and leaks may nearly cancel the current of the bias; the sum is as exact as its parts.
     size = np.abs(before) + (_held(s)[:, rows][:, :, cols] if s.active & _SOURCES else 0.0)
-    known = np.broadcast_to(_coupled(s), s.x.shape)[:, rows]
-    wrong = np.abs(after - before) > _SOLVED * size + _NOTHING + known
+    wrong = np.abs(after - before) > _SOLVED * size + _NOTHING + _given(s, rows)
     yield from _first(wrong, "x = {!r} becomes {!r} in another order", x, other.info["x"])
     far = np.abs(other.codes.astype(int) - expected) > 1
     yield from _first(far, "code {} becomes {} in another order", expected, other.codes)
 
 
-def _coupled(s: Subject) -> Floats:
-    """Return the error of event's coupling of columns, packets a clock [frames, rows, 1]."""
-    g = s.plan.conductance_s()
-    coupled = coupling.coupling(s.plan, g, s.plan.converter.duty(column_currents(s.plan.network(0), g)))
-    return np.zeros((1, 1, 1)) if coupled is None else coupled.known / s.plan.timing.gate_clocks
+def _given(s: Subject, rows: Any) -> Floats | float:
+    """Return what one packet a clock later in every other column adds to a duty: a rounding may decide its clock."""
+    coupled = coupling.coupling(s.plan, slice(0, s.plan.frames))
+    if coupled is None:
+        return 0.0
+    return np.abs(coupled.links[:, rows, :, 0]).sum(axis=-1) / s.plan.timing.gate_clocks
 
 
 def _held(s: Subject) -> Floats:

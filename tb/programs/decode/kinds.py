@@ -121,12 +121,13 @@ def seconds(factor: float = 1.0, start: float = 0.0) -> list[str]:
     return [f"{start + t * factor:.12g}" for t in TIME]
 
 
-def blocks(part: str, lost: Sequence[tuple[int, int]] = ()) -> str:
-    """Return a text with a row a line, and `part` before every frame."""
+def blocks(part: str, lost: Sequence[tuple[int, int]] = (), start: str = "") -> str:
+    """Return a text with a row a line, and `part` before every frame; a line begins with `start`."""
     lines = []
     for n, frame in enumerate(FRAMES):
         lines.append(part.format(n=n, t=0.02 * n))
-        lines += [",".join(cells(row)) for r, row in enumerate(frame) if (n, r) not in lost]
+        of_rows = [start.format(n=n, r=r, t=0.02 * n) + ",".join(cells(row)) for r, row in enumerate(frame)]
+        lines += [line for r, line in enumerate(of_rows) if (n, r) not in lost]
     return "\n".join(lines) + "\n"
 
 
@@ -588,6 +589,10 @@ CASES: dict[str, Case] = {
     "names descending": by_time(flat, "descending", options=SIZE),
     "names sorted as text": by_time(lambda r, c: flat(r, c, "taxel_"), "text", options=SIZE),
     "names from one": by_time(lambda r, c: f"row{r + 1}_col{c + 1}", "descending"),
+    **{
+        f"a name in {unit}": by_time(lambda r, c, u=unit: f"r{r}c{c} [{u}]", says="no unit")
+        for unit in ("0.01 N", "ozf", "%")
+    },
     "names with brackets": by_time(lambda r, c: f"s[{r}][{c}]", "columns"),
     "numbers as names": csv(lambda r, c: flat(r, c, "")),
     "numbers and an index": csv(lambda r, c: flat(r, c, ""), INDEX),
@@ -623,6 +628,10 @@ CASES: dict[str, Case] = {
     ),
     # Frames of several lines, missing cells.
     "blank lines, lost rows": Case(blocks("", LOST_ROWS), RATE, without([7, 8]), says="8 has 3 of"),
+    **{
+        f"blocks, {start} before a row": Case(blocks("", start=start), RATE, asks="--skip 1")
+        for start in ("{r},", "{n},", "{t},")
+    },
     "comments, lost rows": Case(blocks("# frame {n}", LOST_ROWS), SIZE | RATE, without([7, 8])),
     "labels with times": Case(blocks("Frame {n} ({t:.2f} s)"), SIZE),
     "labels of lines, one lost": Case(LINES_LOST, SIZE | RATE, *LOST_LINE, says="1 frame lost"),

@@ -18,6 +18,7 @@ import numpy as np
 from dermis import plan
 from dermis.array.array import column_currents
 from dermis.converter import walk
+from dermis.converter.coupling import on_columns
 from dermis.ndarrays import Floats
 from dermis.records import Plan
 from dermis.scene import design as design_module
@@ -159,7 +160,7 @@ def model_slots(made: Plan, clocks: int) -> list[Slot]:
     """Return a column of the event engine clock by clock, from gates of every length; charge in packets."""
     g = made.conductance_s()
     x = made.converter.duty(column_currents(made.network(0), g))
-    cells = walk.cells_of(made, x, g)
+    cells = walk.cells_of(made, x, on_columns(g))
     ends = [walk.count_cells(cells, n, made.timing.charge_delay_clocks) for n in range(1, clocks + 1)]
     counts = np.array([count[0, :, 0] for count, _ in ends]).T
     charge = np.array([end[0, :, 0] for _, end in ends]).T

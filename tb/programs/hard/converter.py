@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dermis import plan
 from dermis.chip import hdl
 from dermis.converter import walk
+from dermis.converter.coupling import on_columns
 from dermis.engines import closed, cosim, rtl
 from dermis.ndarrays import Floats
 from dermis.records import Plan
@@ -107,7 +108,7 @@ def _closed(world: World) -> NDArray[Any]:
 
 def _event(world: World) -> NDArray[Any]:
     made, x = make_plan(world, "event")
-    cells = walk.cells_of(made, made.converter.gain * x, made.conductance_s())
+    cells = walk.cells_of(made, made.converter.gain * x, on_columns(made.conductance_s()))
     counts, _ = walk.count_cells(cells, made.timing.gate_clocks, made.timing.charge_delay_clocks)
     return np.minimum(counts, made.timing.code_max)
 
