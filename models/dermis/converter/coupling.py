@@ -86,7 +86,7 @@ def coupling(plan: Plan, part: slice) -> Coupling | None:
     amplitude = 1.0 / (1.0 + converter.inv_gain_dc)
     lag = converter.t_gbw_s * amplitude * converter.f_clk_hz
     ground = converter.inv_gain_dc * amplitude + 0.25 * lag
-    strength = float((np.abs(links[..., 0, :]) @ ground).max())
+    strength = float(((np.abs(links[..., 0, :]) + 0.5 * np.abs(links[..., 1, :])) @ ground).max())
     if not strength <= _STRONGEST:
         active = plan.active_fields()
         names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}

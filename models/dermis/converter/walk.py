@@ -282,7 +282,8 @@ def walk_cells(
     of, keys = (None, None) if draws is None else draws
     step = None if of is None else walk_loops.grid_step(of[walk_loops.SIGMA], clocks)
     lags = True if rows.lags else None
-    limits = None if of is None and rows.one_step else True
+    # Of coupled columns one loop less to compile.
+    limits = None if of is None and rows.one_step and links is None else True
     early = None if limits is None and rows.at_edge else True
     links = None if links is None else np.ascontiguousarray(links[block])
     walk_loops.walk(

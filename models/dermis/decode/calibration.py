@@ -396,7 +396,7 @@ class _Table:
             if any(isinstance(cell, bool | str) for cell in cells.flat):
                 raise TypeError
             array = cells.astype(float)
-        except (ValueError, TypeError):
+        except (ValueError, TypeError, OverflowError):
             raise self._wrong(key, found, "numbers in equal rows") from None
         if array.shape not in shapes and not (shapes == (None,) and array.ndim == 1):
             raise self._wrong(key, f"shape {list(array.shape)}", f"shape {list(shapes)}")
