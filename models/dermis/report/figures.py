@@ -96,7 +96,7 @@ def frame_figure(
         image = axes[name].imshow(values, cmap="viridis", interpolation="nearest", vmin=0, vmax=top)
         axes[name].set(xlabel="column", ylabel="row")
         axes[name].set_title(title, fontsize=10)
-        axes[name].locator_params(integer=True)
+        axes[name].locator_params(integer=True, min_n_ticks=1)
     both = [axes["press"], axes["codes"]]
     bar = parts[0].colorbar(image, ax=both, ticks=ticks, label="code (ideal force)" if alike else "code")
     forces = [f"  ({force:.3g} N)" if alike else "" for force in ideal_n[:, 0]]
@@ -123,7 +123,7 @@ def _curves(
     force = made.force_n.ravel()
     shown = np.isfinite(force) & (force <= 1.2 * full_n)  # a short is as good as an infinite force
     if shown.any():
-        cloud(curve, force[shown], codes.ravel()[shown], f"{int(shown.sum())} codes")
+        cloud(curve, force[shown], codes.ravel()[shown], f"{int(shown.sum())} of {force.size} codes")
     if fit is not None:
         line, label = np.array([0.0, (top - fit[1]) / fit[0]]), f"{fit[0]:.3f} codes/N {fit[1]:+.3f}"
         curve.plot(line, fit[0] * line + fit[1], color=ORANGE, lw=1, label=label)
