@@ -238,7 +238,8 @@ def _given(s: Subject, rows: Any) -> Floats | float:
     coupled = coupling.coupling(s.plan, slice(0, s.plan.frames))
     if coupled is None:
         return 0.0
-    return np.abs(coupled.links[:, rows, :, 0]).sum(axis=-1) / s.plan.timing.gate_clocks
+    strongest = np.abs(coupled.links[..., 0, :]).sum(axis=-1).max(axis=2, keepdims=True)
+    return strongest[:, rows] / s.plan.timing.gate_clocks
 
 
 def _held(s: Subject) -> Floats:
