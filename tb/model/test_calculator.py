@@ -125,7 +125,6 @@ IMPOSSIBLE = [
     ("settle_s", {"frame_rate_hz": 1e4}, "115 clocks"),
     ("settle_s", {"settle_fraction": 0.0}, "3 clocks"),
     ("settle_s", {"f_clk_hz": 5e6, "frame_s": 1.64e-3, "settle_fraction": 0.0}, "2 clocks"),
-    # A mirror of 0.4 nA follows with 129 us: the codes were 3 too large behind a row at full scale.
     ("mirror_settling", {"i_sensor_a": 1e-6, "packet_v": 0.1}, "time constant 0.000129 s"),
     ("comparator_delay_clocks", {"frame_s": 5e-5}, "f_clk up to 1e+08 Hz"),
     ("comparator_delay_clocks", {"f_clk_hz": 2e8}, "f_clk up to 1e+08 Hz"),

@@ -94,8 +94,7 @@ def close_columns(rng: np.random.Generator, tmp_path: Path) -> records.Plan:
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("scenes", [10, pytest.param(1500, marks=pytest.mark.long)])
 def test_close_columns_count_as_their_common_equation_whatever_is_on(tmp_path: Path, scenes: int) -> None:
-    rng = np.random.default_rng(25)
-    plans = (close_columns(rng, tmp_path) for _ in range(scenes))
+    plans = map(close_columns, [np.random.default_rng(25)] * scenes, [tmp_path] * scenes)
     off = [event.run(p).codes[0] - columns_reference.codes(p) for p in plans if event.refuses(p) is None]
     assert len(off) > 0.8 * scenes
     apart = np.abs(np.concatenate([codes.ravel() for codes in off]))
@@ -107,13 +106,6 @@ def close(r_ohm: float, gain: float) -> dict[str, Any]:
     return {"lateral": {"r_ohm": r_ohm}, "integrator_gain": {"gain_dc": gain, "r_in_ohm": 1e9}}
 
 
-RANGE = {
-    "integrator_gain": {"gain_dc": 866.0, "r_in_ohm": 3.7e9},
-    "integrator_range": {"v_max_v": 0.889, "v_min_v": -0.672},
-    "lateral": {"r_ohm": 212.0},
-    "row_driver": {"r_ohm": 0.014, "grounded_r_ohm": 0.011},
-}
-RIPPLE = {"supply_ripple": {"relative": 0.5, "frequency_hz": 1e2, "phase_deg": 90.0}}
 SIMPLE_RATIOS = [[500.38881092718583, 498.2946922238924, 753.031053559841, 500.6804472479357]]
 
 
@@ -122,7 +114,9 @@ SIMPLE_RATIOS = [[500.38881092718583, 498.2946922238924, 753.031053559841, 500.6
     ("ohm", "on", "cosim"),
     [
         (SIMPLE_RATIOS, close(369.8144, 32.53386), [[249, 249, 172, 245]]),
-        ([[600.0, 2000.0]], close(1e3, 1e3) | RIPPLE, [[255, 102]]),
+        ([[600.0, 2000.0]],
+         close(1e3, 1e3) | {"supply_ripple": {"relative": 0.5, "frequency_hz": 1e2, "phase_deg": 90.0}},
+         [[255, 102]]),
         ([[250 / 3, 250 / 0.9]], close(1e3, 1e3) | {"charge_packet": {"packet_error": [0.0, 2.0]}}, [[255, 176]]),
         ([[51758.4, 1002.55, 1503.44]], close(642.0, 92.434) | {"comparator_hysteresis": {"v_v": 0.5}},
          [[3, 128, 84]]),
@@ -130,8 +124,9 @@ SIMPLE_RATIOS = [[500.38881092718583, 498.2946922238924, 753.031053559841, 500.6
         # A column that saturates within its gate.
         ([[[1e5] * 2, [x, 2e3]] for x in (1e6, 250.0 / 0.82, 1e6)], close(1e3, 1e3) | {"motion": {}},
          [[[1, 1], [255, 74]], [[1, 1], [85, 64]], [[1, 1], [0, 64]]]),
-        # Scene 478 of the co-simulated campaign.
-        ([[1143.9, 3932.8], [847.3, 23428.0]], RANGE, [[111, 33], [149, 7]]),
+        ([[1143.9, 3932.8], [847.3, 23428.0]], close(212.0, 866.0) | {
+            "integrator_range": {"v_max_v": 0.889, "v_min_v": -0.672},
+            "row_driver": {"r_ohm": 0.014, "grounded_r_ohm": 0.011}}, [[111, 33], [149, 7]]),
     ],
     ids=["phase", "ripple", "large packet", "window", "preset", "motion", "range"],
 )  # fmt: skip
@@ -143,23 +138,22 @@ def test_close_columns_count_as_in_ngspice(tmp_path: Path, ohm: Any, on: dict[st
     assert np.abs(codes - expected.reshape(codes.shape)).max() <= 1
 
 
-@pytest.mark.paper
 def test_with_motion_a_column_leaks_as_in_the_middle_of_its_gate(tmp_path: Path) -> None:
     """As where its frame began, the last rows were 6 counts off."""
     taxels = np.stack([np.full((16, 2), 2e4), np.full((16, 2), 600.0)])
-    gain = {"integrator_gain": {"gain_dc": 300.0, "r_in_ohm": 1e9}, "motion": {}}
-    plan = made(tmp_path, taxels, gain, "direct")
+    on = {"integrator_gain": {"gain_dc": 300.0}, "motion": {}}
+    plan = made(tmp_path, taxels, on, "direct")
     assert np.array_equal(event.run(plan).codes[0], columns_reference.codes(plan))
 
 
 @pytest.mark.paper
 def test_columns_whose_coupling_acts_within_a_clock_are_refused(tmp_path: Path) -> None:
     swift = {"integrator_bandwidth": {"gbw_hz": 1e6}, "lateral": {"r_ohm": 1000.0}}
-    said = r"integrator_bandwidth.*lateral.*certain to 1 LSB.*use engine cosim"
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(
+        InputError, match=r"integrator_bandwidth.*lateral.*certain to 1 LSB.*use engine cosim"
+    ):
         event.run(made(tmp_path, ohms(0, 1, 4, 4), swift, "direct"))
     event.run(made(tmp_path, ohms(0, 1, 4, 4), swift | {"integrator_bandwidth": True}, "direct"))
-    # rtl has the mean charge alone.
     plan = made(tmp_path, np.array([SIMPLE_RATIOS]), close(369.8144, 32.53386), "direct")
     assert "coupled columns" in str(rtl.refuses(plan))
     assert rtl.refuses(made(tmp_path, np.array([SIMPLE_RATIOS]), close(1e5, 1e3), "direct")) is None
