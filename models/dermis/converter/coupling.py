@@ -39,11 +39,14 @@ def on_columns(g_frames_s: Floats) -> Floats:
 
 def columns_in_gates(plan: Plan, part: slice) -> Floats:
     """Return `on_columns` in the middle of the gate of each row, [frames, rows, cols]."""
-    now, shape = on_columns(plan.conductance_s(part)), plan.conductance_s(part).shape
-    if plan.drive.motion:
+    g = plan.conductance_s(part)
+    now = on_columns(g)
+    if plan.drive.motion and (
+        plan.topology == "direct" or plan.converter.kt_noise_j.any()
+    ):  # else it is not used
         share = plan.gate_shares()[2, :, np.newaxis]
         now = (1.0 - share) * now + share * on_columns(plan.next_conductance_s(part))
-    return np.broadcast_to(now, shape)
+    return np.broadcast_to(now, g.shape)
 
 
 class Coupling(NamedTuple):
