@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Boards with dividers or amplifiers and an ADC: counts of an independent nodal solve come back as forces."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,11 @@ def test_a_session_calibrates_a_board_and_the_command_reads_its_counts(tmp_path:
     known, _ = calibrate.session(session)
     known.save(tmp_path / "sheet.toml")
     again = calibration.load(tmp_path / "sheet.toml")
+    replace(known, curve=replace(known.curve, coefficients=-known.curve.coefficients)).save(
+        tmp_path / "no.toml"
+    )
+    with pytest.raises(InputError, match="no force at any"):
+        calibration.load(tmp_path / "no.toml")
     assert (again.falling, again.divider, again.code_max) == (side == "supply", True, 4095)
     with pytest.raises(InputError, match="of another board"):
         Skin(scene(made, resistor_ohm=330.0), calibration=again)

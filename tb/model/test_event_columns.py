@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Columns of the direct interface that move each other, beside their common equation."""
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from made_plans import made, ohms
 
 from dermis import records
 from dermis.array.array import Network, column_currents
+from dermis.converter import coupling
 from dermis.converter.coupling import seen_from_grounds
 from dermis.engines import event, rtl
 from dermis.errors import InputError
@@ -35,10 +37,7 @@ def drawn_by_offsets(plan: records.Plan) -> np.ndarray:
     return np.stack(drawn, axis=-1)
 
 
-TRACES = {
-    "trace": {"r_row_ohm": 1.0, "r_column_ohm": 100.0},
-    "integrator_gain": {"gain_dc": 60.0, "r_in_ohm": 1e9},
-}
+TRACES = {"trace": {"r_row_ohm": 1.0, "r_column_ohm": 100.0}, "integrator_gain": {"gain_dc": 60.0}}
 
 
 @pytest.mark.parametrize("on", [*map(coupled, range(4)), TRACES])
@@ -95,7 +94,10 @@ def close_columns(rng: np.random.Generator, tmp_path: Path) -> records.Plan:
 @pytest.mark.parametrize("scenes", [10, pytest.param(1500, marks=pytest.mark.long)])
 def test_close_columns_count_as_their_common_equation_whatever_is_on(tmp_path: Path, scenes: int) -> None:
     plans = map(close_columns, [np.random.default_rng(25)] * scenes, [tmp_path] * scenes)
-    off = [event.run(p).codes[0] - columns_reference.codes(p) for p in plans if event.refuses(p) is None]
+    off = []
+    for plan in plans:
+        with contextlib.suppress(InputError):  # strongly coupled in some frame
+            off.append(event.run(plan).codes[0] - columns_reference.codes(plan))
     assert len(off) > 0.8 * scenes
     apart = np.abs(np.concatenate([codes.ravel() for codes in off]))
     assert apart.max() <= 1
@@ -113,25 +115,20 @@ SIMPLE_RATIOS = [[500.38881092718583, 498.2946922238924, 753.031053559841, 500.6
 @pytest.mark.parametrize(
     ("ohm", "on", "cosim"),
     [
-        (SIMPLE_RATIOS, close(369.8144, 32.53386), [[249, 249, 172, 245]]),
         ([[600.0, 2000.0]],
-         close(1e3, 1e3) | {"supply_ripple": {"relative": 0.5, "frequency_hz": 1e2, "phase_deg": 90.0}},
-         [[255, 102]]),
+         close(1e3, 1e3) | {"supply_ripple": {"relative": 0.5, "frequency_hz": 1e2, "phase_deg": 90.0}}, [[255, 102]]),
         ([[250 / 3, 250 / 0.9]], close(1e3, 1e3) | {"charge_packet": {"packet_error": [0.0, 2.0]}}, [[255, 176]]),
-        ([[51758.4, 1002.55, 1503.44]], close(642.0, 92.434) | {"comparator_hysteresis": {"v_v": 0.5}},
-         [[3, 128, 84]]),
+        ([[51758.4, 1002.55, 1503.44]], close(642.0, 92.434) | {"comparator_hysteresis": {"v_v": 0.5}}, [[3, 128, 84]]),
         ([[620.0, 2000.0]], close(1e3, 300.0) | {"preset_error": {"v_v": [50.0, 0.0]}}, [[231, 73]]),
-        # A column that saturates within its gate.
         ([[[1e5] * 2, [x, 2e3]] for x in (1e6, 250.0 / 0.82, 1e6)], close(1e3, 1e3) | {"motion": {}},
          [[[1, 1], [255, 74]], [[1, 1], [85, 64]], [[1, 1], [0, 64]]]),
         ([[1143.9, 3932.8], [847.3, 23428.0]], close(212.0, 866.0) | {
             "integrator_range": {"v_max_v": 0.889, "v_min_v": -0.672},
             "row_driver": {"r_ohm": 0.014, "grounded_r_ohm": 0.011}}, [[111, 33], [149, 7]]),
     ],
-    ids=["phase", "ripple", "large packet", "window", "preset", "motion", "range"],
+    ids=["ripple", "large packet", "window", "preset", "motion", "range"],
 )  # fmt: skip
 def test_close_columns_count_as_in_ngspice(tmp_path: Path, ohm: Any, on: dict[str, Any], cosim: Any) -> None:
-    """Of the mean charge of the others alone most were 2 to 23 counts off."""
     taxels, expected = np.array(ohm, dtype=float), np.array(cosim)
     codes = event.run(made(tmp_path, taxels.reshape(-1, *taxels.shape[-2:]), on, "direct")).codes
     # What the walk of coupled columns is certain to.
@@ -139,21 +136,18 @@ def test_close_columns_count_as_in_ngspice(tmp_path: Path, ohm: Any, on: dict[st
 
 
 def test_with_motion_a_column_leaks_as_in_the_middle_of_its_gate(tmp_path: Path) -> None:
-    """As where its frame began, the last rows were 6 counts off."""
     taxels = np.stack([np.full((16, 2), 2e4), np.full((16, 2), 600.0)])
-    on = {"integrator_gain": {"gain_dc": 300.0}, "motion": {}}
-    plan = made(tmp_path, taxels, on, "direct")
+    plan = made(tmp_path, taxels, {"integrator_gain": {"gain_dc": 300.0}, "motion": {}}, "direct")
     assert np.array_equal(event.run(plan).codes[0], columns_reference.codes(plan))
 
 
-@pytest.mark.paper
-def test_columns_whose_coupling_acts_within_a_clock_are_refused(tmp_path: Path) -> None:
+def test_strong_coupling_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     swift = {"integrator_bandwidth": {"gbw_hz": 1e6}, "lateral": {"r_ohm": 1000.0}}
-    with pytest.raises(
-        InputError, match=r"integrator_bandwidth.*lateral.*certain to 1 LSB.*use engine cosim"
-    ):
-        event.run(made(tmp_path, ohms(0, 1, 4, 4), swift, "direct"))
-    event.run(made(tmp_path, ohms(0, 1, 4, 4), swift | {"integrator_bandwidth": True}, "direct"))
     plan = made(tmp_path, np.array([SIMPLE_RATIOS]), close(369.8144, 32.53386), "direct")
+    for strong in (plan, made(tmp_path, ohms(0, 1, 4, 4), swift, "direct")):
+        with pytest.raises(InputError, match=r"integrator_.*lateral.*certain to 1 LSB.*use engine cosim"):
+            event.run(strong)
+    event.run(made(tmp_path, ohms(0, 1, 4, 4), swift | {"integrator_bandwidth": True}, "direct"))
+    monkeypatch.setattr(coupling, "_STRONGEST_BESIDE_LEAK", np.inf)
     assert "coupled columns" in str(rtl.refuses(plan))
     assert rtl.refuses(made(tmp_path, np.array([SIMPLE_RATIOS]), close(1e5, 1e3), "direct")) is None

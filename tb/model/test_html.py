@@ -151,11 +151,11 @@ def test_every_command_with_a_table_takes_html() -> None:
 
 
 def test_option_html_is_refused_before_the_command_runs(tmp_path: Path) -> None:
-    page = tmp_path / "none" / "page.html"
-    error = called("run", "single_touch", "--out", tmp_path / "out", "--html", page)
-    assert isinstance(error, InputError)
-    assert "--html" in str(error)
-    assert not (tmp_path / "out").exists()
+    for page in (tmp_path / "none" / "page.html", "/proc/page.html"):
+        error = called("run", "single_touch", "--out", tmp_path / "out", "--html", page)
+        assert isinstance(error, InputError)
+        assert "--html" in str(error)
+        assert not (tmp_path / "out").exists()
 
 
 def test_report_collects_every_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

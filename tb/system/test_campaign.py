@@ -115,7 +115,6 @@ def _leak(real: Any, cells: walk.Cells, charge_delay: float) -> walk.Rows:
 
 
 def _coupled(real: Any, plan: Plan, part: slice) -> Any:
-    """Let a result depend on the number of frames in a part."""
     found = real(plan, part)
     return found and found._replace(links=found.links * (1.0 + 1e-9 * (part.stop - part.start)))
 

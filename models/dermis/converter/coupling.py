@@ -17,9 +17,10 @@ from dermis.records import Plan
 
 # Conductance of a short across a virtual ground: any integrator loses all its charge through it.
 G_ACROSS_S = 1e12
-# Part of a packet in other columns that may reach a column within a clock. The walk takes the mean of what flows in a
-# clock; up to here its codes are within one of the common equation of all columns (tb/model/test_event_columns.py).
-_STRONGEST = 0.15
+# Part of a packet in other columns that may reach a column within a clock, and that part times the part of its own
+# charge that it loses in one. The walk takes the mean of what flows in a clock; up to here its codes are within one of
+# the common equation of all columns (tb/model/test_event_columns.py).
+_STRONGEST, _STRONGEST_BESIDE_LEAK = 0.15, 1e-3
 
 # Fields that make the virtual ground of one column see the others.
 COUPLING = frozenset(
@@ -90,11 +91,13 @@ def coupling(plan: Plan, part: slice) -> Coupling | None:
     lag = converter.t_gbw_s * amplitude * converter.f_clk_hz
     ground = converter.inv_gain_dc * amplitude + 0.25 * lag
     strength = float(((np.abs(links[..., 0, :]) + 0.5 * np.abs(links[..., 1, :])) @ ground).max())
-    if not strength <= _STRONGEST:
+    leak = float((middle_s[..., own, own] * a_clock[own, own] * converter.inv_gain_dc * amplitude).max())
+    doubt = max(strength / _STRONGEST, strength * leak / _STRONGEST_BESIDE_LEAK)
+    if not doubt <= 1.0:
         active = plan.active_fields()
         names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}
         effect = "integrator_gain" if "inv_gain_dc" in active else "integrator_bandwidth"
-        raise plan.unsure(effect, sorted(names), "column coupling that", 1.0, strength / _STRONGEST)
+        raise plan.unsure(effect, sorted(names), "column coupling that", 1.0, doubt)
     shape = (*plan.conductance_s(part).shape, 2, plan.cols)
     return Coupling(np.broadcast_to(middle_s[..., own, own], shape[:3]), np.broadcast_to(links, shape))
 

@@ -46,6 +46,7 @@ _PER_COLUMN = "step_a start_code inv_i_range_a step_part start_sigma_code zero_c
 _NOT_NEGATIVE = "inv_i_range_a step_part start_sigma_code zero_code full_code factor factor_part".split()
 _PIECES, _CREEP = "knots coefficients", "creep_per_decade creep_start_s"
 _NETWORK = CARRIED | CORRECTED
+_TABLES = frozenset("format notes array chip network sheet own_law memory uncertainty mode reference".split())
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,6 +296,8 @@ def load(path: Path | str) -> Calibration:
     def each(name: str) -> list[_Table]:
         return [_Table(path, f"{name}.{n}", one) for n, one in enumerate(data.get(name, []))]
 
+    if unknown_key := data.keys() - _TABLES:
+        raise InputError(path, min(unknown_key), "a table", "one of " + ", ".join(sorted(_TABLES)))
     array, chip, sheet, memory = (_Table(path, n, data.get(n)) for n in ("array", "chip", "sheet", "memory"))
     rows, cols, code_max = array.whole("rows"), array.whole("cols"), chip.whole("code_max")
     taxels, radius = (rows, cols), memory.numbers("radius", None)
@@ -340,6 +343,11 @@ def load(path: Path | str) -> Calibration:
             made.array(mode)
     except ValueError as error:
         raise InputError(path, "network", "its values", str(error)) from None
+    taxel_s = np.linspace(0.0, made.g_full_s(), 100)
+    if not all(law.force_n(taxel_s).max() > 0.0 for law in (curve, *made.own.values())):
+        raise InputError(
+            path, "sheet", "no force at any conductance", "the law that `dermis calibrate` wrote"
+        )
     return made
 
 

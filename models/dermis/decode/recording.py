@@ -104,6 +104,10 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
         found = recording_maker.read(path, data, layout)
     frames = _shaped(path, found, layout)
     absent = np.isnan(frames).all(axis=0)
+    if absent.any() and found.unit is None and found.shape is None:
+        # Files of makers mark places without a sensel.
+        said = f"{counted(int(absent.sum()), 'place')} without a value in any frame"
+        warn(path, f"{said}, first {place_of(absent[None])[9:]}: taken for no taxel, of force 0")
     if layout.missing is not None:
         missing = layout.missing * found.factor
         absent |= (frames == missing).all(axis=0)

@@ -215,6 +215,8 @@ def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
     tables, runs, maps = len(verdict.WRITTEN), len(output.WRITTEN), len(output.MAPS)
     start = time.time()
     code = call()
+    if path.is_dir():
+        raise InputError("command line", "--html", str(path), "another name than that of --out")
     written = dict(verdict.WRITTEN[tables:])
     done = list(dict.fromkeys(output.WRITTEN[runs:]))
     # Figures of an earlier call are not this one's.

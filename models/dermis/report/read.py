@@ -156,7 +156,7 @@ def decode_frames(skin: Skin, rec: Recording, path: str) -> tuple[Codes, Forces,
     """Decode the codes of a chip; return them, forces and verdicts. InputError for values that are no codes."""
     known, missing = skin.decoder.calibration, np.isnan(rec.values)
     most = known.code_max
-    values = np.where(rec.present, rec.values, 0.0)
+    values = np.where(rec.present, rec.values, np.round(known.zero_code))
     good = missing | ((values >= 0) & (values <= most) & (values == np.floor(values)))
     if not good.all():
         allowed = f"a code, a whole number 0..{most}; --through-chip sends scaled values through a chip"

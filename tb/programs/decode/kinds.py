@@ -562,6 +562,7 @@ CASES: dict[str, Case] = {
     "numbers that go on": Case(RAMP, SIZE | RATE, asks="--header"),
     "a row lost from its own output": Case(ROW_LOST, values=without((2, 1)), says="frame 2 has no row 1"),
     "a missing cell, held": Case(gap("N/A"), SIZE | {"gaps": "hold"}, HELD, says="held"),
+    "a place without a value": npy(NO_SENSEL, SIZE, values=NO_SENSEL, says="taken for no taxel"),
     "a missing cell, refused": Case(gap("N/A"), SIZE | {"gaps": "refuse"}, asks="frame 3, row 0, column 5"),
     "no time": Case(table(None), SIZE, asks="--rate"),
     "no size": Case(table(None), RATE, asks="--rows and --cols"),
