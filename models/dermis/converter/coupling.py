@@ -39,12 +39,12 @@ def on_columns(g_frames_s: Floats) -> Floats:
 
 
 def columns_in_gates(plan: Plan, part: slice) -> Floats:
-    """Return `on_columns` in the middle of the gate of each row, [frames, rows, cols]."""
+    """Return `on_columns` where a frame begins, with the direct interface in the middle of each gate: [frames, rows,
+    cols].
+    """
     g = plan.conductance_s(part)
     now = on_columns(g)
-    if plan.drive.motion and (
-        plan.topology == "direct" or plan.converter.kt_noise_j.any()
-    ):  # else it is not used
+    if plan.drive.motion and plan.topology == "direct":  # elsewhere only thermal noise depends on it
         share = plan.gate_shares()[2, :, np.newaxis]
         now = (1.0 - share) * now + share * on_columns(plan.next_conductance_s(part))
     return np.broadcast_to(now, g.shape)
