@@ -98,7 +98,7 @@ def coupling(plan: Plan, part: slice) -> Coupling | None:
         names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}
         effect = "integrator_gain" if "inv_gain_dc" in active else "integrator_bandwidth"
         raise plan.unsure(effect, sorted(names), "column coupling that", 1.0, doubt)
-    shape = (*plan.conductance_s(part).shape, 2, plan.cols)
+    shape = (len(middle_s), plan.rows, plan.cols, 2, plan.cols)
     return Coupling(np.broadcast_to(middle_s[..., own, own], shape[:3]), np.broadcast_to(links, shape))
 
 

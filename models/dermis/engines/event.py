@@ -12,7 +12,7 @@ from dermis.engines import Result
 from dermis.errors import InputError
 from dermis.records import Plan
 
-# Uncertainty in LSB up to which charge injected by capacitances is accepted, as in `converter.coupling`.
+# Uncertainty in LSB up to which charge injected by capacitances is accepted.
 _DISPLACED = 1.0
 
 HONOURS = fields.of(*fields.FAMILIES)
@@ -68,7 +68,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     Returns codes [frames, rows, cols]; info["x"] is their duty (mean over the gate), info["w_end"] the charge at the
     end of the gate in packets.
 
-    InputError for the direct interface with finite gain and impedances that couple its columns by more than a count.
+    InputError for the direct interface with finite gain and impedances that couple its columns too strongly.
     """
     shape = plan.resistance_ohm.shape
     codes = np.empty(shape, dtype=code_type(plan.timing.code_max))
