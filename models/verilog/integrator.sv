@@ -106,6 +106,12 @@ module integrator #(
         .slow_from(slow_b), .fast_from(fast_b), .length(length_c), .current(iin - icharge_c), .values_i(values_i),
         .slow_to(slow_c), .fast_to(fast_c), .turns(turns_c), .turn(turn_c)
       );
+      if (EFFECTS[`DERMIS_COUPLED]) begin : gen_coupled
+        // How far the virtual ground is off on the mean of the clock, in packets; read by name (skin.sv).
+        real ground;
+        assign ground = $bitstoreal(values_i[64*`DERMIS_LAG +: 64]) * (out_c - (slow_q + fast_q))
+            + $bitstoreal(values_i[64*`DERMIS_COUPLED +: 64]) * 0.5 * (slow_q + fast_q + out_c);
+      end
       if (EFFECTS[`DERMIS_GBW]) begin : gen_bandwidth
         real fast_start;
         assign fast_start = $bitstoreal(values_i[64*`DERMIS_FAST_START +: 64]);

@@ -30,9 +30,12 @@ module skin #(
   localparam MEMORY   = (BREAK_CLOCKS > 0) && EFFECTS[`DERMIS_Q_MIRROR];
   localparam VARIES   = (TERMS > 1) || EFFECTS[`DERMIS_Q_MIRROR];
 
-  // Ticks of the host per clock of the chip, so that it reads a frame in less than 0.8 of a frame time.
+  // Ticks of the host per clock of the chip, so that it reads a frame in less than 0.8 of a frame time. Coupled columns
+  // take three: all outputs settle, what the columns give each other changes, and the outputs settle again.
   localparam FRAME_BITS = 8*(24 + ROWS*(1 + COLS*((CODE_BITS > 8) ? 2 : 1) + (COLS + 7)/8));
-  localparam TICKS      = 1 + 5*FRAME_BITS/(2*ROWS*(SETTLE_CLOCKS + GATE_CLOCKS));
+  localparam TO_READ    = 1 + 5*FRAME_BITS/(2*ROWS*(SETTLE_CLOCKS + GATE_CLOCKS));
+  localparam COUPLED    = EFFECTS[`DERMIS_COUPLED];
+  localparam TICKS      = (COUPLED && TO_READ < 3) ? 3 : TO_READ;
 
   reg       tick;
   wire      clk;
@@ -56,9 +59,11 @@ module skin #(
       tick   <= ~tick;
     end
 
+  wire give;
   generate
     if (TICKS == 1) begin : gen_clk_is_tick
-      assign clk = tick;
+      assign clk  = tick;
+      assign give = 1'b0;
     end else begin : gen_clk_divided
       reg     clk_q;
       integer ticks_q;
@@ -71,7 +76,8 @@ module skin #(
           ticks_q <= 0;
           clk_q   <= ~clk_q;
         end else ticks_q <= ticks_q + 1;
-      assign clk = clk_q;
+      assign clk  = clk_q;
+      assign give = !clk_q && ticks_q == 1;
     end
   endgenerate
 
@@ -143,12 +149,20 @@ module skin #(
     .done_o        (host_done)
   );
 
-  array #(.ROWS(ROWS), .COLS(COLS), .CELL(CELL), .EFFECTS(EFFECTS)) u_array (
+  real                t_clocks;
+  wire [64*COLS-1:0] grounds;
+  wire [64*COLS-1:0] given;
+
+  array #(.ROWS(ROWS), .COLS(COLS), .CELL(CELL), .EFFECTS(EFFECTS), .GATE_CLOCKS(GATE_CLOCKS)) u_array (
     .row_select_i (row_select),
+    .give_i       (give),
+    .preset_i     (preset),
+    .t_clocks     (t_clocks),
+    .grounds_i    (grounds),
+    .given_o      (given),
     .frames_o     (frames)
   );
 
-  real t_clocks;
   always @(posedge clk) t_clocks <= preset ? 1.0 : t_clocks + 1.0;
 
   wire [64*TERMS-1:0] basis;
@@ -181,6 +195,7 @@ module skin #(
     for (c = 0; c < COLS; c = c + 1) begin : gen_column
       wire [64*CELL-1:0]           i_bits;
       wire [64*`DERMIS_VALUES-1:0] values_c;
+      real                         i_mean;
       real                         i_in;
       real                         i_begin;
       // In two steps: Icarus 11 writes an unreadable program for $bitstoreal of a word of an array.
@@ -192,11 +207,18 @@ module skin #(
         .cell_i        (i_bits),
         .basis_i       (basis),
         .basis_begin_i (basis_begin),
-        .i_mean        (i_in),
+        .i_mean        (i_mean),
         .i_begin       (i_begin)
       );
       for (v = 0; v < `DERMIS_VALUES; v = v + 1) begin : gen_value
         assign values_c[64*v +: 64] = u_array.value[`DERMIS_VALUES*c + v];
+      end
+      if (COUPLED) begin : gen_coupled
+        assign grounds[64*c +: 64] = $realtobits(gen_direct.u_channel.u_vfc.u_integrator.gen_bent.gen_coupled.ground);
+        assign i_in                = i_mean + $bitstoreal(given[64*c +: 64]);
+      end else begin : gen_alone
+        assign grounds[64*c +: 64] = 64'd0;
+        assign i_in                = i_mean;
       end
       if (TOPOLOGY == 0) begin : gen_direct
         channel_direct #(.EFFECTS(EFFECTS), .VARIES(VARIES), .SYNC_LATCH(SYNC_LATCH)) u_channel (

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Effects of the real-number models: bit n of EFFECTS builds effect n, and run-time value n of a column is
-// values_i[64 n +: 64], the bits of a double. A bit of 0 builds nothing; from T_B on there are only values.
+// values_i[64 n +: 64], the bits of a double. A bit of 0 builds nothing; from W_HIGH on there are only values.
 // dermis.engines.rtl reads this list by name.
 // Units: one packet of charge (on the integrator: its voltage), one clock, and i0 (before the mirror: k i0).
 `ifndef DERMIS_VALUES_VH
@@ -17,7 +17,7 @@
 `define DERMIS_I_RANGE     9  // compression before the mirror: 1 / the current at which half is left
 `define DERMIS_Q_MIRROR    10 // charge of a slow mirror: its time constant times its output
 `define DERMIS_GBW         11 // finite bandwidth; the value is the factor of the lag of the output over piece a
-`define DERMIS_T_B         12 // end of piece b (flip-flop + latch only)
+`define DERMIS_COUPLED     12 // columns move each other; the value is the part of its output by which a virtual ground is off
 `define DERMIS_SEEN_B      13 // 1: the comparator decides at the end of piece b, 0: of piece a
 `define DERMIS_W_HIGH      14
 `define DERMIS_KEEP_B      15 // factor of the charge over pieces b and c
@@ -38,6 +38,7 @@
 `define DERMIS_SLOW_DRIVE  31
 `define DERMIS_FAST_DRIVE  32
 `define DERMIS_LAG         33 // time constant of the output at constant charge
-`define DERMIS_VALUES      34 // number of values
+`define DERMIS_T_B         34 // end of piece b (flip-flop + latch only)
+`define DERMIS_VALUES      35 // number of values
 `define DERMIS_EACH_ROW    30 // values are read again with every row
 `endif

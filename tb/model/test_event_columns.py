@@ -2,6 +2,7 @@
 """Columns of the direct interface that move each other, beside their common equation."""
 
 import contextlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,6 @@ from made_plans import made, ohms
 
 from dermis import records
 from dermis.array.array import Network, column_currents
-from dermis.converter import coupling
 from dermis.converter.coupling import seen_from_grounds
 from dermis.engines import event, rtl
 from dermis.errors import InputError
@@ -141,13 +141,20 @@ def test_with_motion_a_column_leaks_as_in_the_middle_of_its_gate(tmp_path: Path)
     assert np.array_equal(event.run(plan).codes[0], columns_reference.codes(plan))
 
 
-def test_strong_coupling_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_strong_coupling_is_refused(tmp_path: Path) -> None:
     swift = {"integrator_bandwidth": {"gbw_hz": 1e6}, "lateral": {"r_ohm": 1000.0}}
     plan = made(tmp_path, np.array([SIMPLE_RATIOS]), close(369.8144, 32.53386), "direct")
     for strong in (plan, made(tmp_path, ohms(0, 1, 4, 4), swift, "direct")):
         with pytest.raises(InputError, match=r"integrator_.*lateral.*certain to 1 LSB.*use engine cosim"):
             event.run(strong)
     event.run(made(tmp_path, ohms(0, 1, 4, 4), swift | {"integrator_bandwidth": True}, "direct"))
-    monkeypatch.setattr(coupling, "_STRONGEST_BESIDE_LEAK", np.inf)
-    assert "coupled columns" in str(rtl.refuses(plan))
-    assert rtl.refuses(made(tmp_path, np.array([SIMPLE_RATIOS]), close(1e5, 1e3), "direct")) is None
+
+
+@pytest.mark.parametrize(("seed", "sync_latch"), [(5, False), (11, True)])
+def test_verilog_columns_give_each_other_the_same(tmp_path: Path, seed: int, sync_latch: bool) -> None:
+    """Scenes in which that moves codes by 5 and 7."""
+    plan = close_columns(np.random.default_rng(seed), tmp_path)
+    late = replace(plan, timing=replace(plan.timing, charge_delay_clocks=0.5 if sync_latch else 1.0))
+    assert np.array_equal(
+        rtl.run(plan, simulator="icarus", sync_latch=sync_latch).codes, event.run(late).codes
+    )

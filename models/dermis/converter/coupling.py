@@ -56,12 +56,11 @@ class Coupling(NamedTuple):
     `across_s` [frames, rows, cols]: conductance that a column's own input sees in the middle of the
     gate. `links` [frames, rows, cols, 2, cols]: packets a clock into the first column while the
     virtual ground of the second one is off by what a packet makes of its capacitor, in the middle of
-    the gate, and by how much that changes over the gate, also of the column itself; None where the
-    others do not count.
+    the gate, and by how much that changes over the gate, also of the column itself.
     """
 
     across_s: Floats
-    links: Floats | None
+    links: Floats
 
 
 def couples(plan: Plan) -> bool:

@@ -68,25 +68,19 @@ Counts = tuple[NDArray[np.int64], Floats, Floats, Floats]
 """Counts, mean duties but for what coupled columns give, charges at the end, and that: packets a clock on the mean."""
 
 
-def count_frames(plan: Plan, part: slice, random: bool, given: Floats | None = None) -> Counts:
-    """Count some frames, [frames, rows, cols] each; `given` in place of what coupled columns give each other."""
+def count_frames(plan: Plan, part: slice, random: bool) -> Counts:
+    """Count some frames, [frames, rows, cols] each."""
     g = plan.conductance_s(part)
     keys = noise.cell_keys(plan.seed, plan.first_frame + part.start, g.shape) if random else None
     column_s = columns_in_gates(plan, part)
     coupled = coupling(plan, part)
-    if coupled is not None and given is not None:
-        coupled = coupled._replace(links=None)
-    given = np.zeros(g.shape) if given is None else given
     if not plan.active_fields() & course.FIELDS:
-        x = plan.converter.duty(column_currents(plan.network(0), g)) + given
+        x = plan.converter.duty(column_currents(plan.network(0), g))
         return count(plan, plan.converter, x, column_s, keys, coupled=coupled)
     slots = Slots(plan, part)
-    slots.offset += given.swapaxes(0, 1).reshape(slots.offset.shape)
     by_row = np.zeros((slots.rows, slots.frames, slots.cols))
     keys = None if keys is None else keys.swapaxes(0, 1)
-    coupled = (
-        None if coupled is None else Coupling(*(None if of is None else of.swapaxes(0, 1) for of in coupled))
-    )
+    coupled = None if coupled is None else Coupling(*(of.swapaxes(0, 1) for of in coupled))
     found = count(plan, plan.converter, by_row, column_s.swapaxes(0, 1), keys, slots.blocks(), coupled)
     counts, x, end, given = (values.swapaxes(0, 1) for values in found)
     return counts, x, end, given
@@ -128,7 +122,7 @@ def count(
         return counts, x, end, np.zeros_like(x)
     rows = rows_of(cells, timing.charge_delay_clocks)
     counts, (means, end, given) = np.empty(x.size, dtype=np.int64), np.zeros((3, x.size))
-    links = None if coupled is None or coupled.links is None else coupled.links.reshape(x.size, 2, -1)
+    links = None if coupled is None else coupled.links.reshape(x.size, 2, -1)
     for block, charge, mean in blocks or [(slice(0, x.size), rows.cells.x[np.newaxis], x.reshape(-1))]:
         means[block] = mean
         if draws is not None:

@@ -41,13 +41,7 @@ FRAME_LIMIT_S = 120.0
 
 def refuses(plan: Plan) -> InputError | None:
     """Return the error for a plan outside the limits of the chip or of the array solve, or None."""
-    if (error := hdl.beyond_the_chip(plan) or event.refuses(plan)) is None and couples(plan):
-        first = plan.fullest_frame()
-        try:
-            _given(plan, slice(first, first + 1))
-        except InputError as refused:
-            return refused
-    return error
+    return hdl.beyond_the_chip(plan) or event.refuses(plan)
 
 
 def run(
@@ -75,7 +69,7 @@ def run(
     """
     effects, places = effect_bits(plan), value_places()
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
-    values = places["VALUES"] if effects >> places["EACH_ROW"] & 1 else 1
+    values = places["VALUES"] + 2 * plan.cols if effects >> places["EACH_ROW"] & 1 else 1
     with hdl.work_directory("rtl_runs", plan, work) as files:
         for part in plan.parts(_VALUES_AT_ONCE // values):
             currents = currents_of(plan, part)
@@ -120,7 +114,7 @@ def effect_bits(plan: Plan) -> int:
     names = {name for field in plan.active_fields() for name in BUILT_FOR.get(field, ())}
     if "LEAK" in names and plan.topology == "direct":
         # The load of the virtual ground differs from frame to frame, and with its neighbours from row to row.
-        names.add("EACH_ROW")
+        names |= {"EACH_ROW", "COUPLED"} if couples(plan) else {"EACH_ROW"}
     return sum(1 << places[name] for name in names)
 
 
@@ -149,7 +143,7 @@ class Currents:
         break after a row
     basis : [1 + clocks of a slot, terms], functions of time where a row is driven, and as means over a slot's clocks;
         one term where a current is constant in its slot
-    coupling : of the columns of the direct interface; the mean of what they give each other is in `cells`
+    coupling : of the columns of the direct interface
     """
 
     cells: Floats
@@ -160,40 +154,21 @@ class Currents:
 def currents_of(plan: Plan, part: slice) -> Currents:
     """Column currents of some frames; where they change in time, as engine event has them."""
     injection.check_lines(plan, part)
-    converter, given = plan.converter, 0.0
-    if (coupled := coupling(plan, part)) is not None:
-        given = _given(plan, part)
+    converter, coupled = plan.converter, coupling(plan, part)
     if not plan.active_fields() & (course.FIELDS - {"q_mirror_c"}) and not course.has_idle_current(plan):
         most = converter.saturating_duty()
         current = column_currents(plan.network(0), plan.conductance_s(part))
         with np.errstate(over="ignore"):
             unit = np.clip(current / (converter.k * converter.i0_a), -most, most)
-        return Currents((unit + given)[..., np.newaxis], np.ones((1, 1)), coupled)
+        return Currents(unit[..., np.newaxis], np.ones((1, 1)), coupled)
     slots = course.Slots(plan, part)
     gain = np.tile(converter.gain, slots.frames)
     # A row is followed by the break in front of the next one.
     behind = [] if slots.idle is None else [np.roll(slots.idle / gain, -1, axis=0)]
     cells = np.concatenate([slots.terms / gain, *behind], axis=1)
     cells = cells.reshape(slots.rows, -1, slots.frames, slots.cols).transpose(2, 0, 3, 1)
-    cells[..., 0] += given
     basis = np.concatenate([slots.basis.begin[np.newaxis], slots.basis.mean])
     return Currents(cells, basis, coupled)
-
-
-def _given(plan: Plan, part: slice) -> Floats:
-    """Return what coupled columns give each other on the mean of a gate, packets a clock [frames, rows, cols].
-
-    InputError where that reads codes more than 1 LSB from those of engine event, which takes it clock by clock.
-    """
-    counts, _, _, given = walk.count_frames(plan, part, random=False)
-    by_mean, *_ = walk.count_frames(plan, part, random=False, given=given)
-    apart = np.ptp(np.minimum([counts, by_mean], plan.timing.code_max), axis=0).max()
-    if apart > 1:
-        allowed = (
-            f"event or cosim where coupled columns move codes by their course in a gate (here {apart} LSB)"
-        )
-        raise InputError(plan.scene.path, "run.engine", "rtl", allowed)
-    return given
 
 
 def write_inputs(
@@ -203,6 +178,9 @@ def write_inputs(
     each = bool(effects >> value_places()["EACH_ROW"] & 1)
     values = run_time_values(plan, part, currents.coupling, each, sync_latch)
     frames = currents.cells.shape[0]
+    values = values.reshape(*values.shape[:2], -1)
+    if currents.coupling is not None:
+        values = np.concatenate([values, currents.coupling.links.reshape(frames, plan.rows, -1)], axis=2)
     blocks = [currents.cells.reshape(frames, -1)]
     if each:
         blocks.append(values.reshape(frames, -1))
@@ -238,6 +216,7 @@ def run_time_values(
         "PACKET": column.packet,
         "W_PRESET": column.w0,
         "RISE": column.rise,
+        "COUPLED": converter.inv_gain_dc / (1.0 + converter.inv_gain_dc),
         "FALL": column.fall,
         "DELAY": t_a,
         "T_B": t_b,
