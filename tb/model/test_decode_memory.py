@@ -12,7 +12,7 @@ from dermis.scene import sensor
 from tb.programs.decode import command
 
 DT = 2e-3
-LAW = memory.MemoryLaw.of_effects(0.1, 0.05, 10e-3)
+LAW, CREEP = (memory.MemoryLaw.of_effects(h, 0.05, 10e-3) for h in (0.1, 0.0))
 
 
 def cycles(seed: int) -> np.ndarray:
@@ -28,13 +28,17 @@ def sheet(force: np.ndarray) -> np.ndarray:
     return 1.0 / sensor.age(law, ohm, DT, state, 10e-3, lambda name: pytest.fail(name))[:, 0]
 
 
-def undone(g: np.ndarray, half: float = 0.0, stream: memory.SheetMemory | None = None) -> np.ndarray:
-    """Forces low, estimated and high, of readings known to +-half siemens."""
+def undone(
+    g: np.ndarray, half: float = 0.0, stream: memory.SheetMemory | None = None, dt_s: float = DT
+) -> np.ndarray:
+    """Forces low, estimated and high, of readings known to +-half siemens; nan is a missing one."""
     stream = stream or memory.SheetMemory(LAW, g.shape[1])
     out = []
     for frame in g:
-        ends = np.maximum(frame - half, 0), frame.copy(), frame + half
-        stream.undo(*ends, DT)
+        missing = np.isnan(frame)
+        high = np.where(missing, np.inf, frame + half)
+        ends = np.nan_to_num(np.maximum(frame - half, 0)), np.nan_to_num(frame), high
+        stream.undo(*ends, dt_s)
         out.append(ends)
     return 7500.0 * np.array(out).transpose(1, 0, 2)
 
@@ -73,6 +77,23 @@ def test_quantised_cycles_come_back() -> None:
         assert (low <= force + slack).all()
         assert (force <= high + slack).all()
         assert np.sqrt(np.mean((found - force) ** 2)) < 0.3
+
+
+@pytest.mark.parametrize(("law", "dt_s", "gap"), [(CREEP, 0.5, 0), (CREEP, 0.05, 12), (LAW, DT, 40)])
+def test_touches_between_frames_and_in_gaps_stay_inside(law: memory.MemoryLaw, dt_s: float, gap: int) -> None:
+    """Sixty sheets in steps of a tenth of a frame; touches and pauses last a frame or longer."""
+    rng, taxels = np.random.default_rng(7), 60
+    changes = np.cumsum(rng.integers(10, 90, (14, taxels)), axis=0)
+    pressed = (np.arange(600)[:, np.newaxis, np.newaxis] >= changes).sum(axis=1)
+    force = np.take_along_axis(
+        rng.uniform(0.5, 10, (15, taxels)) * (np.arange(15) % 2)[:, None], pressed, axis=0
+    )
+    forward, back = memory.SheetMemory(law, taxels), memory.SheetMemory(law, taxels)
+    g = np.array([forward.apply(fine / 7500, dt_s / 10) for fine in force])[::10]
+    g[20 : 20 + gap] = np.nan
+    low, _, high = undone(g, 1e-12, back, dt_s)
+    assert (low <= force[::10] * (1 + 1e-6)).all()
+    assert (force[::10] <= high * (1 + 1e-6)).all()
 
 
 def test_a_general_loop_is_inverted_exactly() -> None:

@@ -370,8 +370,11 @@ def _forces(k, flags, force, low, high):
 
 
 @_compiled
-def _decode_frames(k, codes, dt_s, modes, solved, solved_off, memory, results):
-    """Decode codes [frames, rows, cols] into `results`; `solved` is empty where `solve_frame` can do the network."""
+def _decode_frames(k, codes, missing, dt_s, modes, solved, solved_off, memory, results):
+    """Decode codes [frames, rows, cols] into `results`; `solved` is empty where `solve_frame` can do the network.
+
+    `missing` [frames, rows, cols], or empty where none is, hides codes from hysteresis and creep.
+    """
     frames, rows, cols = codes.shape
     z, past, moved, band, creep, loaded, gone, frame, fresh, rate, rate_weight = memory
     work, through, offset_a = np.empty((12, rows, cols)), np.empty(cols), np.empty(cols)
@@ -379,7 +382,7 @@ def _decode_frames(k, codes, dt_s, modes, solved, solved_off, memory, results):
     g, near_low, near_high, spread, other, doubt = work[6], work[7], work[8], work[9], work[10], work[11]
     scratch = np.empty((3, rows, cols + 1))
     u, taken, total = scratch[0, :, :cols], scratch[1, :, :cols], scratch[2, :, cols]
-    full_row, full_column = np.empty(rows, np.bool_), np.empty(cols, np.bool_)
+    full_row, full_column, gained = np.empty(rows, np.bool_), np.empty(cols, np.bool_), np.zeros(rate.size)
     network = k.v_bias, k.r_driven, k.g_ground, k.r_column, k.v_offset, k.i_leak, k.g_lateral
     for n in range(frames):
         force, low, high, flags = results[0][n], results[1][n], results[2][n], results[3][n]
@@ -401,11 +404,17 @@ def _decode_frames(k, codes, dt_s, modes, solved, solved_off, memory, results):
         _by_factor(k, codes[n], g, down, up, spread, offset_a, flags, force, low, high, near_low, near_high)
         if k.radius.size > 0 or k.per_decade != 0.0:
             for least_or_most in range(2 if k.per_decade != 0.0 and not fresh else 0):
-                advance_creep(creep[least_or_most], loaded[least_or_most], rate, rate_weight, dt_s[n])
+                gained = advance_creep(
+                    creep[least_or_most], loaded[least_or_most], rate, rate_weight, dt_s[n]
+                )
+            for r in range(rows if missing.size else 0):
+                for c in range(cols):
+                    if missing[n, r, c]:
+                        low[r, c], high[r, c] = 0.0, np.inf
             flat = low.reshape(-1), force.reshape(-1), high.reshape(-1)
             near = near_low.reshape(-1), near_high.reshape(-1)
             state, law = (z, past, moved, band, creep, loaded, gone), (k.radius, k.weight, k.per_decade)
-            undo_frame(flat, near, state, frame, dt_s[n], fresh, k.g_open, law)
+            undo_frame(flat, near, state, frame, dt_s[n], gained, fresh, k.g_open, law)
             frame += 1
             fresh = False
         _forces(k, flags, force, low, high)
@@ -501,7 +510,11 @@ class Decoder(Threaded):
         return SheetMemory(cal.memory, cal.rows * cal.cols, cal.curve.g_open_s)
 
     def decode(
-        self, codes: ArrayLike, t_frame_s: float | ArrayLike | None = None, out: Forces | None = None
+        self,
+        codes: ArrayLike,
+        t_frame_s: float | ArrayLike | None = None,
+        out: Forces | None = None,
+        missing: Bools | None = None,
     ) -> Forces:
         """Decode codes [frames, rows, cols] or [rows, cols].
 
@@ -513,6 +526,8 @@ class Decoder(Threaded):
             Time in seconds since the frame before, for all frames or for each.
         out : Forces, optional
             Arrays of the shape of the codes to fill, so that nothing is allocated.
+        missing : ndarray of bool, optional
+            Codes that no reading made, shaped as they: hysteresis and creep may have been anywhere there.
 
         Raises
         ------
@@ -531,6 +546,7 @@ class Decoder(Threaded):
         dt_s = times(self.t_frame_s if t_frame_s is None else t_frame_s, len(frames))
         out = Forces.empty(codes.shape) if out is None else out
         results = tuple(array.reshape(frames.shape) for array in out.writable(codes.shape))
+        hidden = (np.zeros(0, np.bool_) if missing is None else missing).reshape(-1, cal.rows, cal.cols)
         solved, solved_off = np.empty((0, 2, cal.rows, cal.cols)), np.empty((0, 0, 2, cal.rows, cal.cols))
         with self._lock if cal.memory.active else contextlib.nullcontext():
             if not self._lumped:
@@ -538,7 +554,7 @@ class Decoder(Threaded):
                 if self._off:
                     solved_off = np.array([self.conductances(frames, network) for network in self._off])
             state = self.memory.arrays()
-            _decode_frames(self._known, frames, dt_s, self._modes, solved, solved_off, state, results)
+            _decode_frames(self._known, frames, hidden, dt_s, self._modes, solved, solved_off, state, results)
             self.memory.passed(len(frames))
         if (self._least > 0).any():  # of an amplifier; the chip and dividers read no less than 0
             out.high_n[(frames < self._least).reshape(codes.shape)] = np.inf

@@ -143,7 +143,7 @@ def apply_frame(g, out, z, creep, loaded, fresh, radius, weight, per_decade):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def undo_frame(ends, near, state, frame, dt_s, fresh, g_open, law):
+def undo_frame(ends, near, state, frame, dt_s, gained, fresh, g_open, law):
     """Turn conductances of the sheet [taxels] and their ends into those by the law, in place.
 
     `ends` are the low end, the estimate and the high end, `near` the ends for the errors that change from frame to
@@ -151,9 +151,10 @@ def undo_frame(ends, near, state, frame, dt_s, fresh, g_open, law):
 
     `state` is that of `SheetMemory.arrays`: `past` [taxels, HISTORY] holds the last estimates, `moved` [taxels, 2] the
     frame of the last movement and the frames between the last two, `band` [taxels, 2] the values that explain all
-    readings since. `creep` [2, taxels, rates] is that of certain loads, and of all that are possible: those whose
-    interval begins at 0, and those that may have stayed in gaps of up to GAP_S. `loaded` [2, taxels] is if there is
-    such load from now on, `gone` [taxels] the time since one was in sight.
+    readings since. `creep` [2, taxels, rates] is that of certain loads, seen in two frames in a row, and of all that
+    are possible: those whose interval begins at 0, those that may have stayed in gaps of up to GAP_S, any behind an end
+    of infinity, and a touch from the frame before it on. `gained` [rates] is what load adds between two frames,
+    `loaded` [2, taxels] is if there is such load from now on, `gone` [taxels] the time since one was in sight.
     """
     low, g, high = ends
     near_low, near_high = near
@@ -161,10 +162,11 @@ def undo_frame(ends, near, state, frame, dt_s, fresh, g_open, law):
     radius, weight, per_decade = law
     for t in range(g.size):
         if per_decade:
-            factor = 1.0 / (1.0 + per_decade * creep[0, t].sum())
-            low[t] /= 1.0 + per_decade * creep[1, t].sum()
+            least, most = creep[0, t].sum(), creep[1, t].sum() + (0.0 if loaded[1, t] else gained.sum())
+            factor = 1.0 / (1.0 + per_decade * 0.5 * (least + most))
+            low[t] /= 1.0 + per_decade * most
             g[t] *= factor
-            high[t] *= factor
+            high[t] /= 1.0 + per_decade * least
             near_low[t] *= factor
             near_high[t] *= factor
         if radius.size and g[t] < np.inf:
@@ -217,8 +219,12 @@ def undo_frame(ends, near, state, frame, dt_s, fresh, g_open, law):
             low[t] = np.exp(x_low) if x_low > LOG_OPEN + 1.0 else 0.0
             if high[t] < np.inf:
                 high[t] = np.exp(x_high) if x_high > LOG_OPEN + 1.0 else high[t]
-        loaded[0, t] = low[t] > g_open
-        gone[t] = 0.0 if g[t] > g_open else gone[t] + dt_s
+        certain, seen = low[t] > g_open, g[t] > g_open or high[t] == np.inf
+        for k in range(gained.size):
+            creep[0, t, k] -= gained[k] if loaded[0, t] and not certain else 0.0
+            creep[1, t, k] += gained[k] if seen and not loaded[1, t] else 0.0
+        loaded[0, t] = certain
+        gone[t] = 0.0 if seen else gone[t] + dt_s
         loaded[1, t] = gone[t] <= GAP_S
 
 
@@ -248,12 +254,14 @@ class SheetMemory:
         self._gone = np.full(taxels, np.inf)
         self._fresh = True
 
-    def _step(self, dt_s: float, states: int) -> None:
+    def _step(self, dt_s: float, states: int) -> Floats:
         if not 0 <= dt_s < np.inf:
             raise ValueError(f"time runs backwards: a step of {dt_s} s")
+        gained = np.zeros(self._rate.size)
         if self._rate.size and not self._fresh:
             for k in range(states):
-                advance_creep(self._creep[k], self._loaded[k], self._rate, self._weight, dt_s)
+                gained = advance_creep(self._creep[k], self._loaded[k], self._rate, self._weight, dt_s)
+        return gained
 
     def apply(self, conductance_s: Floats, dt_s: float) -> Floats:
         """Return the sheet's conductances for those by the law, [taxels], dt_s after the frame before."""
@@ -276,10 +284,10 @@ class SheetMemory:
         for name, array in zip(("low_s", "conductance_s", "high_s"), ends, strict=True):
             if not (check_out(array, self._gone.shape, float, name) >= 0).all():
                 raise ValueError(f"{name} must be 0 or above")
-        self._step(dt_s, 2)
+        gained = self._step(dt_s, 2)
         state, law = self.arrays()[:7], (self.law.radius, self.law.weight, self.law.creep_per_decade)
         near = low_s.copy(), high_s.copy()
-        undo_frame(ends, near, state, self._frame, dt_s, self._fresh, self._g_open_s, law)
+        undo_frame(ends, near, state, self._frame, dt_s, gained, self._fresh, self._g_open_s, law)
         self._fresh = False
         self._frame += 1
 
