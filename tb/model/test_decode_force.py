@@ -130,11 +130,14 @@ def test_a_reference_taxel_tells_the_temperature() -> None:
     codes = closed.run(dataclasses.replace(warm, resistance_ohm=ohm, force_n=force)).codes
     known = calibration.Calibration.of_plan(cold)
     blind = Decoder(known, 2e-3).decode(codes)
-    seeing = Decoder(dataclasses.replace(known, reference=((0, 0, 5 / 7500),)), 2e-3).decode(codes)
+    decoder = Decoder(dataclasses.replace(known, reference=((0, 0, 5 / 7500),)), 2e-3)
+    seeing = decoder.decode(codes)
     assert np.abs(blind.force_n - force).max() > 0.5
     # Half a code of the reference's 90 adds to half a code.
     assert np.abs(seeing.force_n - force).max() < 0.1
     assert seeing.holds(force).all()
+    codes[:, 0, 0] = 0  # it lost its force
+    assert np.isinf(decoder.decode(codes).high_n).all()
 
 
 def test_a_calibration_survives_its_file(tmp_path: Path) -> None:

@@ -39,9 +39,10 @@ class Forces:
         The estimate and the ends of its interval. A saturated taxel has the force of full scale and the upper end inf.
     flags : ndarray of uint8
         ZERO (no more than the code of no current, usually 0), SATURATED (full scale: the largest code that the
-        column's start and packet reach), SHORT, UNSOLVED (the frame's solution did not converge; the interval is
-        0..inf), NEAR_SATURATED (in the row or the column of a saturated taxel, in a column beside, or moved by more
-        than half a code if it is a short: the interval holds if it conducts no more than the calibration's g_max_s).
+        column's start and packet reach), SHORT, UNSOLVED (the frame's solution did not converge, or a taxel of constant
+        force conducts less than half or more than twice what the calibration says; the interval is 0..inf),
+        NEAR_SATURATED (in the row or the column of a saturated taxel, in a column beside, or moved by more than half a
+        code if it is a short: the interval holds if it conducts no more than the calibration's g_max_s).
     """
 
     force_n: Floats
@@ -396,6 +397,10 @@ def _decode_frames(k, codes, missing, dt_s, modes, solved, solved_off, memory, r
                 total[r] = g[r].sum()
         else:
             good = crosstalk.solve_frame(current, ceiling, network, g, scratch, through)
+        for m in range(k.reference.shape[0]):
+            # No temperature halves or doubles a conductance: the reference is loose, or was pressed.
+            ratio = g[int(k.reference[m, 0]), int(k.reference[m, 1])] / k.reference[m, 2]
+            good = good and 0.5 <= ratio <= 2.0
         hidden = _mark_full(k, codes[n], g, full_row, full_column)
         _widen(k, current, ceiling, g, e_down, e_up, offset_a)
         _spread(k, g, e_down, e_up, u, total, full_row, hidden, down, up, through, doubt)

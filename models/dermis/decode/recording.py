@@ -32,6 +32,8 @@ BINARY = (".npy", ".npz", ".h5", ".hdf5", ".mat")
 _TIME_SPREAD = 0.5
 """Part of the median by which a step of time may differ before frames count as lost."""
 _WRAP = 2.0**32
+_PACKED = "_FillValue", "missing_value", "scale_factor", "add_offset"
+"""Attributes of a packed data set; the first two are values that stand for none."""
 _MEMBERS = 64
 """Arrays of an npz file that are looked through; of more the name must be given."""
 _UNITS = "unit", "units"
@@ -205,13 +207,19 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
             )
         time_unit, unit = _unit_of(time), _unit_of(values) or _unit_set(sets)
         left = [n for n, item in sets.items() if item is not values and n != name]
+        values, time = _physical(values), None if time is None else _physical(time)
     values = np.asarray(values).T if reversed_axes else np.asarray(values)
     if values.dtype.kind not in "biuf":
         raise InputError(path, "--key", str(values.dtype), "an array of real numbers")
     time = None if time is None else np.asarray(time, dtype=float).ravel()
     found = Found(np.asarray(values, dtype=float), time, binary=True, ignored=left)
     if name is not None:
-        found.time_unit, found.time_from = text.time_unit_of(name) or text.time_unit_of(time_unit), name
+        named, stated = text.time_unit_of(name), text.time_unit_of(time_unit)
+        if named and stated and named != stated and layout.time_unit is None and layout.rate_hz is None:
+            raise InputError(
+                path, name, f"in {stated}", f"--time-unit {named} or {stated}: its name says {named}"
+            )
+        found.time_unit, found.time_from = named or stated, name
     if unit and not found.scale(unit):
         warn(path, f"{unit} is no unit that is known: values are taken as they are")
     return found
@@ -222,6 +230,17 @@ def _unit_of(item: Any) -> str:
     attributes = getattr(item, "attrs", {})
     unit = attributes.get("units", attributes.get("unit", ""))
     return unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
+
+
+def _physical(item: Any) -> Any:
+    """Return the numbers of a data set; of HDF5 by the attributes that netCDF has for packed numbers."""
+    packed = {n: float(np.ravel(v)[0]) for n, v in getattr(item, "attrs", {}).items() if n in _PACKED}
+    values = np.asarray(item)
+    if not packed or values.dtype.kind not in "biuf":
+        return values
+    fills = [packed[n] for n in _PACKED[:2] if n in packed]
+    scaled = values * packed.get("scale_factor", 1.0) + packed.get("add_offset", 0.0)
+    return np.where(np.isin(values, fills), np.nan, scaled)
 
 
 def _unit_set(sets: dict[str, Any]) -> str:

@@ -169,7 +169,7 @@ def decode_frames(skin: Skin, rec: Recording, path: str) -> tuple[Codes, Forces,
     open_ = int(np.isinf(width).sum())
     total = np.where(present, found.force_n, 0.0).sum(axis=(1, 2))
     unsolved = int((found.flags & UNSOLVED).any(axis=(1, 2)).sum())
-    why = "the network does not fit" if unsolved else ""
+    why = "the network does not fit, or a reference lost its force" if unsolved else ""
     wrong_side = "a wrong counts, side or zero_count of [front_end]"
     below = float((known.rising(codes) < known.least_code())[present].mean())
     rows = [

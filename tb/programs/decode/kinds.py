@@ -246,6 +246,15 @@ def mat73(path: Path) -> None:
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + path.read_bytes()[512:])
 
 
+def packed(path: Path, stated: str = "ms") -> None:
+    """Write values in hundredths, the first one missing, and times of two names for their unit."""
+    with h5py.File(path, "w") as file:
+        file["p"], file["time_ms"] = np.round(100 * FRAMES), 1e3 * TIME
+        file["p"][0, 0, 0] = -1.0
+        file["p"].attrs.update(scale_factor=0.01, _FillValue=-1.0)
+        file["time_ms"].attrs["units"] = stated
+
+
 def parquet(made: dict[str, Any], options: dict[str, Any] | None = None, **told: Any) -> Case:
     told = {"file": "a.parquet"} | told
     return Case(lambda path: pq.write_table(pa.table(made), path), options or {}, **told)
@@ -518,6 +527,10 @@ CASES: dict[str, Case] = {
     "cut in its last number": Case(CUT_TEXT, SIZE | RATE, CUT, says="cut off"),
     "words at the end": Case(table(flat) + "Stopped by user\n", SIZE | RATE, asks="line 22"),
     "-1 for a missing value": Case(gap("-1"), SIZE | {"missing": -1.0}, without((3, 0, 5))),
+    "packed numbers of HDF5": Case(packed, values=without((0, 0, 0)), file="a.h5"),
+    "HDF5, a time in two units": Case(
+        lambda path: packed(path, "s"), asks="--time-unit ms or s", file="a.h5"
+    ),
     "JSON": Case('{"t": 0, "p": [1, 2]}\n' * COUNT, SIZE | RATE, asks="JSON", file="a.json"),
     "an option of another kind of file": csv(flat, options=SIZE | RATE | {"key": "p"}, asks="--key"),
     "npy, column after column": npy(
