@@ -345,6 +345,7 @@ def test_the_command_writes_a_calibration_and_sees_a_drift(tmp_path: Path) -> No
         ("rows = 8", "rows = 7", "shape"),
         ('file = "codes_0.npy"', 'file = "gone.npy"', "gone.npy"),
         ("[[reference]]\nrow = 0", "[[reference]]\nrow = 8", "reference.0"),
+        ('file = "codes_1.npy"', 'file = "codes_0.npy"', "load.1.file"),
         ('file = "codes_0.npy"', "", "load.0.file"),
         ("current_a = 0.0", "current_a = -1.0", "current.0.current_a"),
         ('force_n = "force_0.npy"', "force_n = -2.0", "load.0.force_n"),

@@ -90,6 +90,12 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     for n, ref in enumerate(table.reference):
         if ref.row >= rows or ref.col >= cols:
             raise InputError(path, f"reference.{n}", f"{ref.row}, {ref.col}", f"a taxel of {rows} x {cols}")
+    for key, measured in (("current", table.current), ("load", table.load), ("cycle", table.cycle)):
+        files = [one.file for one in measured]
+        if again := next((n for n, file in enumerate(files) if file in files[:n]), None):
+            raise InputError(
+                path, f"{key}.{again}.file", files[again], "another file: a measurement counts once"
+            )
     scene = table.start.scene
     if scene is not None and (path.parent / scene).is_file():
         scene = str(path.parent / scene)
