@@ -91,7 +91,7 @@ def close_columns(rng: np.random.Generator, tmp_path: Path) -> records.Plan:
 @pytest.mark.paper
 # The reference takes the exponential of a matrix a column: minutes on a busy machine.
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("scenes", [10, pytest.param(1500, marks=pytest.mark.long)])
+@pytest.mark.parametrize("scenes", [10, pytest.param(600, marks=pytest.mark.long)])
 def test_close_columns_count_as_their_common_equation_whatever_is_on(tmp_path: Path, scenes: int) -> None:
     plans = map(close_columns, [np.random.default_rng(25)] * scenes, [tmp_path] * scenes)
     off = []
