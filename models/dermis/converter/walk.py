@@ -64,8 +64,8 @@ class Noise(NamedTuple):
     keys: NDArray[np.uint64]
 
 
-Counts = tuple[NDArray[np.int64], Floats, Floats, Floats]
-"""Counts, mean duties but for what coupled columns give, charges at the end, and that: packets a clock on the mean."""
+Counts = tuple[NDArray[np.int64], Floats, Floats]
+"""Counts, mean duties with what coupled columns give, and charges at the end."""
 
 
 def count_frames(plan: Plan, part: slice, random: bool) -> Counts:
@@ -82,8 +82,8 @@ def count_frames(plan: Plan, part: slice, random: bool) -> Counts:
     keys = None if keys is None else keys.swapaxes(0, 1)
     coupled = None if coupled is None else Coupling(*(of.swapaxes(0, 1) for of in coupled))
     found = count(plan, plan.converter, by_row, column_s.swapaxes(0, 1), keys, slots.blocks(), coupled)
-    counts, x, end, given = (values.swapaxes(0, 1) for values in found)
-    return counts, x, end, given
+    counts, x, end = (values.swapaxes(0, 1) for values in found)
+    return counts, x, end
 
 
 def count(
@@ -119,7 +119,7 @@ def count(
             draws = Noise(noise_rows(converter, x, variance), keys.flatten())
     if blocks is None and coupled is None:
         counts, end = count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)
-        return counts, x, end, np.zeros_like(x)
+        return counts, x, end
     rows = rows_of(cells, timing.charge_delay_clocks)
     counts, (means, end, given) = np.empty(x.size, dtype=np.int64), np.zeros((3, x.size))
     links = None if coupled is None else coupled.links.reshape(x.size, 2, -1)
@@ -130,7 +130,7 @@ def count(
             draws.rows[:, block] = noise_rows(converter, mean, variance.flat[block], column)
         clocks = timing.gate_clocks, timing.charge_delay_clocks
         walk_cells(*clocks, charge, rows, draws, block, counts, end, links, given)
-    return counts.reshape(x.shape), *(of.reshape(x.shape) for of in (means, end, given))
+    return counts.reshape(x.shape), (means + given).reshape(x.shape), end.reshape(x.shape)
 
 
 def cells_of(plan: Plan, x: Floats, column_s: Floats, coupled: Coupling | None = None) -> Cells:

@@ -72,14 +72,13 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     """
     shape = plan.resistance_ohm.shape
     codes = np.empty(shape, dtype=code_type(plan.timing.code_max))
-    x_all, w_end = np.empty(shape), np.empty(shape)
+    x, w_end = np.empty(shape), np.empty(shape)
     timing = plan.timing
     random = bool(plan.active_fields() & walk.RANDOM)
     injection.check_lines(plan)
     for part in plan.parts(_VALUES_AT_ONCE):
-        counts, x, w_end[part], given = walk.count_frames(plan, part, random)
-        x_all[part] = x + given
+        counts, x[part], w_end[part] = walk.count_frames(plan, part, random)
         codes[part] = np.minimum(counts, timing.code_max)
         if progress is not None:
             progress(part.stop * plan.rows)
-    return Result(codes, {"x": x_all, "w_end": w_end})
+    return Result(codes, {"x": x, "w_end": w_end})
