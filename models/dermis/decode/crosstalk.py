@@ -79,6 +79,27 @@ def known_voltages(current, network, u, taken):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _driven(r, g, total, u, taken, network, through):
+    """Fill in the currents `through` the taxels of row r [cols]; return the voltage and the current of its line."""
+    v_bias, r_driven, g_ground, _, _, _, _ = network
+    row_current = 0.0
+    for c in range(u.shape[1]):
+        through[c] = taken[r, c]
+    for i in range(u.shape[0]):
+        if i == r or total[i] == 0.0:
+            continue
+        drawn = 0.0
+        for c in range(u.shape[1]):
+            drawn += g[i, c] * u[r, c]
+        p = drawn / (total[i] + g_ground)
+        for c in range(u.shape[1]):
+            through[c] += g[i, c] * (u[r, c] - p)
+    for c in range(u.shape[1]):
+        row_current += through[c]
+    return v_bias - r_driven * row_current, row_current
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def sweep(g, out, total, u, taken, network, through, current, most):
     """Make one sweep from conductances `g` [rows, cols] into `out`, which may be `g` itself (Gauss-Seidel).
 
@@ -87,25 +108,11 @@ def sweep(g, out, total, u, taken, network, through, current, most):
     entry of `current` becomes what the others leave for it, `most` at the highest; `u` and `taken` follow. Returns the
     largest change, the sum of all changes and the largest conductance.
     """
-    v_bias, r_driven, g_ground, r_column, _, _, g_lateral = network
+    v_bias, _, _, r_column, _, _, g_lateral = network
     rows, cols = g.shape
     largest, change, change_sum, adjusted = 0.0, 0.0, 0.0, 0.0
     for r in range(rows):
-        for c in range(cols):
-            through[c] = taken[r, c]
-        for i in range(rows):
-            if i == r or total[i] == 0.0:
-                continue
-            drawn = 0.0
-            for c in range(cols):
-                drawn += g[i, c] * u[r, c]
-            p = drawn / (total[i] + g_ground)
-            for c in range(cols):
-                through[c] += g[i, c] * (u[r, c] - p)
-        row_current = 0.0
-        for c in range(cols):
-            row_current += through[c]
-        p = v_bias - r_driven * row_current
+        p, _ = _driven(r, g, total, u, taken, network, through)
         row_total = 0.0
         for c in range(cols):
             across = max(p - u[r, c], LEAST_V * v_bias)
@@ -141,27 +148,14 @@ def sweep(g, out, total, u, taken, network, through, current, most):
 @njit(cache=True, nogil=True, error_model="numpy")
 def contraction(g, total, u, taken, network, through, radius):
     """Return a bound of the contraction factor of a sweep within `radius` siemens (1-norm) of `g`; inf without one."""
-    v_bias, r_driven, g_ground, _, _, _, _ = network
+    r_driven = network[1]
     rows, cols = g.shape
     worst = 0.0
     for r in range(rows):
         low, high = 0.0, 0.0
-        row_current = 0.0
         for c in range(cols):
             low, high = min(low, u[r, c]), max(high, u[r, c])
-            through[c] = taken[r, c]
-        for i in range(rows):
-            if i == r or total[i] == 0.0:
-                continue
-            drawn = 0.0
-            for c in range(cols):
-                drawn += g[i, c] * u[r, c]
-            p = drawn / (total[i] + g_ground)
-            for c in range(cols):
-                through[c] += g[i, c] * (u[r, c] - p)
-        for c in range(cols):
-            row_current += through[c]
-        p = v_bias - r_driven * row_current
+        p, row_current = _driven(r, g, total, u, taken, network, through)
         span = 2.0 * (high - low)
         across = (p - high) * (1.0 - SLACK)
         if across <= 0.0 or r_driven * span * radius > SLACK * (p - high):
