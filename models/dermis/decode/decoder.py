@@ -27,6 +27,8 @@ from dermis.scene.sensor_loops import advance_creep
 
 ZERO, SATURATED, SHORT, UNSOLVED, NEAR_SATURATED = 1, 2, 4, 8, 16
 """Bits of Forces.flags."""
+WARMEST = 1.25
+"""Factor of conductance that a temperature may make: 40 K of an ink of 0.6 % a kelvin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,7 @@ class Forces:
     flags : ndarray of uint8
         ZERO (no more than the code of no current, usually 0), SATURATED (full scale: the largest code that the
         column's start and packet reach), SHORT, UNSOLVED (the frame's solution did not converge, or a taxel of constant
-        force conducts less than half or more than twice what the calibration says; the interval is 0..inf),
+        force conducts less than 1 / WARMEST or more than WARMEST times as calibrated; the interval is 0..inf),
         NEAR_SATURATED (in the row or the column of a saturated taxel, in a column beside, or moved by more than half a
         code if it is a short: the interval holds if it conducts no more than the calibration's g_max_s).
     """
@@ -292,14 +294,18 @@ def _mode_variance(k, modes, solved_off, n, g, current, ceiling, u, taken, total
 
 @_compiled
 def _warmth(k, g, down, up):
-    """Return how much more than known the constant taxels conduct, as a factor, and its error."""
-    warm, part = 1.0, 0.0
+    """Return how much more than known the constant taxels conduct, as a factor, its error, and if it can be so.
+
+    Below 1 / WARMEST and above WARMEST a constant taxel is loose, or was pressed: the factor is then 1.
+    """
+    warm, part, true = 1.0, 0.0, True
     for m in range(k.reference.shape[0]):
         r, c = int(k.reference[m, 0]), int(k.reference[m, 1])
-        share = 1.0 / k.reference.shape[0]
-        warm += share * (g[r, c] / k.reference[m, 2] - 1.0)
+        share, ratio = 1.0 / k.reference.shape[0], g[r, c] / k.reference[m, 2]
+        true = true and 1.0 / WARMEST <= ratio <= WARMEST
+        warm += share * (ratio - 1.0)
         part += share * max(up[r, c], down[r, c]) / k.reference[m, 2]
-    return max(warm, 1e-3), part
+    return (warm if true else 1.0), part, true
 
 
 @_compiled
@@ -330,10 +336,10 @@ def _flags(k, codes, g, good, doubt, full_row, full_column, flags):
 
 
 @_compiled
-def _by_factor(k, codes, g, down, up, spread, offset_a, flags, force, low, high, near_low, near_high):
+def _by_factor(k, codes, g, down, up, spread, offset_a, flags, warmth, force, low, high, near_low, near_high):
     """Turn conductances with errors into those by the law: estimate, ends, and ends without constant errors."""
     rows, cols = codes.shape
-    warm, warm_part = _warmth(k, g, down, up)
+    warm, warm_part = warmth
     for r in range(rows):
         for c in range(cols):
             by_law = 1.0 / (k.factor[r, c] * warm)
@@ -397,16 +403,16 @@ def _decode_frames(k, codes, missing, dt_s, modes, solved, solved_off, memory, r
                 total[r] = g[r].sum()
         else:
             good = crosstalk.solve_frame(current, ceiling, network, g, scratch, through)
-        for m in range(k.reference.shape[0]):
-            # No temperature halves or doubles a conductance: the reference is loose, or was pressed.
-            ratio = g[int(k.reference[m, 0]), int(k.reference[m, 1])] / k.reference[m, 2]
-            good = good and 0.5 <= ratio <= 2.0
         hidden = _mark_full(k, codes[n], g, full_row, full_column)
         _widen(k, current, ceiling, g, e_down, e_up, offset_a)
         _spread(k, g, e_down, e_up, u, total, full_row, hidden, down, up, through, doubt)
         _mode_variance(k, modes, solved_off, n, g, current, ceiling, u, taken, total, through, other, spread)
-        _flags(k, codes[n], g, good, doubt, full_row, full_column, flags)
-        _by_factor(k, codes[n], g, down, up, spread, offset_a, flags, force, low, high, near_low, near_high)
+        warm, warm_part, true = _warmth(k, g, down, up)
+        warmth = warm, warm_part
+        _flags(k, codes[n], g, good and true, doubt, full_row, full_column, flags)
+        _by_factor(
+            k, codes[n], g, down, up, spread, offset_a, flags, warmth, force, low, high, near_low, near_high
+        )
         if k.radius.size > 0 or k.per_decade != 0.0:
             for least_or_most in range(2 if k.per_decade != 0.0 and not fresh else 0):
                 gained = advance_creep(

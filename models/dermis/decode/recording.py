@@ -211,6 +211,11 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
     values = np.asarray(values).T if reversed_axes else np.asarray(values)
     if values.dtype.kind not in "biuf":
         raise InputError(path, "--key", str(values.dtype), "an array of real numbers")
+    if time is not None and np.asarray(time).dtype == np.float32 and time.size > 2:
+        step = np.median(np.abs(np.diff(np.asarray(time, dtype=float).ravel())))
+        if np.spacing(np.nanmax(np.asarray(time))) > 0.1 * step:
+            allowed = "times of more digits than float32 has, or --rate"
+            raise InputError(path, str(name), f"steps of {step:g}", allowed)
     time = None if time is None else np.asarray(time, dtype=float).ravel()
     found = Found(np.asarray(values, dtype=float), time, binary=True, ignored=left)
     if name is not None:

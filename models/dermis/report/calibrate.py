@@ -170,6 +170,11 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
                     allowed = f"frames under a steady load; sums of codes are {total.min()} to {total.max()}"
                     raise InputError(path, f"load.{n}.file", load.file, allowed)
                 loads.append(identify.Load(load.name or load.file, codes, force))
+            pairs = [
+                (a, b) for n, b in enumerate(loads) for a in loads[:n] if np.array_equal(a.codes, b.codes)
+            ]
+            if same := "; ".join(f"{b.name} reads as {a.name}" for a, b in pairs[:4]):
+                note("same_readings", len(pairs), "pairs", f"{same}: each counts as a measurement of its own")
             if not table.current and (spread := [noise for load in loads for noise in _noise(made, load)]):
                 made = dataclasses.replace(made, noise_code=float(np.sqrt(np.mean(np.square(spread)))))
                 note("noise", made.noise_code, "codes", "of the frames of a load")

@@ -431,6 +431,9 @@ def read_command(
         skin = Skin(chip, calibration=own)
         if decodes:
             codes, found, judged = decode_frames(skin, rec, file)
+            if skin.decoder.calibration.memory.active and (held := int((found.low_n[0] > 0).sum())):
+                said = "their creep and hysteresis are taken to begin there"
+                note(f"{counted(held, 'taxel')} loaded in the first frame: {said}")
         else:
             values = np.where(rec.present, rec.values, np.inf if unit == "ohm" else 0)
             force = np.where(rec.present, forces_of(values, unit, chip, area_mm2, scale), 0.0)

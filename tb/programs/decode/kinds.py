@@ -531,6 +531,11 @@ CASES: dict[str, Case] = {
     "HDF5, a time in two units": Case(
         lambda path: packed(path, "s"), asks="--time-unit ms or s", file="a.h5"
     ),
+    "npz, stamps with too few digits": Case(
+        lambda path: np.savez(path, p=FRAMES, t=np.float32(1.7e9 + 200 * np.arange(COUNT))),
+        asks="--rate",
+        file="a.npz",
+    ),
     "JSON": Case('{"t": 0, "p": [1, 2]}\n' * COUNT, SIZE | RATE, asks="JSON", file="a.json"),
     "an option of another kind of file": csv(flat, options=SIZE | RATE | {"key": "p"}, asks="--key"),
     "npy, column after column": npy(
