@@ -125,8 +125,10 @@ SIMPLE_RATIOS = [[500.38881092718583, 498.2946922238924, 753.031053559841, 500.6
         ([[1143.9, 3932.8], [847.3, 23428.0]], close(212.0, 866.0) | {
             "integrator_range": {"v_max_v": 0.889, "v_min_v": -0.672},
             "row_driver": {"r_ohm": 0.014, "grounded_r_ohm": 0.011}}, [[111, 33], [149, 7]]),
+        ([[2017.0, 50.0, 2385.0, 5000.0]], dict.fromkeys(["lateral", "integrator_bandwidth", "integrator_range"], True),
+         [[63, 255, 53, 25]]),
     ],
-    ids=["ripple", "large packet", "window", "preset", "motion", "range"],
+    ids=["ripple", "large packet", "window", "preset", "motion", "range", "range and lag"],
 )  # fmt: skip
 def test_close_columns_count_as_in_ngspice(tmp_path: Path, ohm: Any, on: dict[str, Any], cosim: Any) -> None:
     taxels, expected = np.array(ohm, dtype=float), np.array(cosim)

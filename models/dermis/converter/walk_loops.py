@@ -376,6 +376,12 @@ def _couple(own, wide, links, time, lags, limits):  # type: ignore
         own[X + c] = own[ALONE + c] + own[GIVES + c]
         a, b = _ahead(own, c, lags, limits)
         before, end = own[A + c] + own[B + c], a + b
+        w = _charge(own, c, a, b, lags)
+        if w > own[HIGH + c] or w < own[LOW + c]:
+            # A charge at its limit stays there, and the output follows it.
+            end = own[HIGH + c] if w > own[HIGH + c] else own[LOW + c]
+            if lags is not None:
+                end += (before - end) * math.exp(-1.0 / own[FOLLOWS + c])
         own[GROUND + c] = own[FOLLOWS + c] * (end - before) + own[SHARE + c] * 0.5 * (before + end)
     for c in range(wide):
         gives, row, first = 0.0, links[c], c - c % cols
