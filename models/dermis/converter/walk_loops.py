@@ -364,7 +364,7 @@ def _ahead(own, c, lags, limits):  # type: ignore
 
 
 @_part
-def _couple(own, wide, links, time, lags, limits):  # type: ignore
+def _couple(own, wide, links, time, late, lags, limits):  # type: ignore
     """Add to the charge of a clock what other columns of the row give way to.
 
     A virtual ground is off by what the output lags behind the charge, whose integral over a clock is the lag times the
@@ -377,11 +377,14 @@ def _couple(own, wide, links, time, lags, limits):  # type: ignore
         a, b = _ahead(own, c, lags, limits)
         before, end = own[A + c] + own[B + c], a + b
         w = _charge(own, c, a, b, lags)
-        if w > own[HIGH + c] or w < own[LOW + c]:
-            # A charge at its limit stays there, and the output follows it.
-            end = own[HIGH + c] if w > own[HIGH + c] else own[LOW + c]
-            if lags is not None:
-                end += (before - end) * math.exp(-1.0 / own[FOLLOWS + c])
+        if w > own[NEAR_HIGH + c] or w < own[NEAR_LOW + c]:
+            slow = own[RATE_A + c], own[DRIVE_A + c], own[WEIGHT_A + c]
+            fast = own[RATE_B + c], own[DRIVE_B + c], own[WEIGHT_B + c]
+            _, _, _, a, b = _closely(
+                slow, fast, own[A + c], own[B + c], own[FOLLOWS + c], own[X + c], own[PACKET + c], own[Q2 + c],
+                own[Q1 + c], late, own[AT + c], own[RISE + c], own[FALL + c], 0.0, own[LOW + c], own[HIGH + c], True,
+            )  # fmt: skip
+            end = a + b
         own[GROUND + c] = own[FOLLOWS + c] * (end - before) + own[SHARE + c] * 0.5 * (before + end)
     for c in range(wide):
         gives, row, first = 0.0, links[c], c - c % cols
@@ -539,7 +542,7 @@ def walk(  # type: ignore
                     own[to + c] = x[n, first - begin + c]
             if links is not None:
                 time = (n + 0.5) / clocks - 0.5
-                _couple(own, wide, links[first - begin : first - begin + wide], time, lags, limits)
+                _couple(own, wide, links[first - begin : first - begin + wide], time, late, lags, limits)
             for c in range(wide):
                 _clock(own, marks, c, lags, early, limits, noise)
             if limits is None:
