@@ -149,7 +149,7 @@ module skin #(
     .done_o        (host_done)
   );
 
-  real                t_clocks;
+  real               t_clocks;
   wire [64*COLS-1:0] grounds;
   wire [64*COLS-1:0] given;
 

@@ -364,12 +364,23 @@ def _ahead(own, c, lags, limits):  # type: ignore
 
 
 @_part
+def _by_pieces(own, c, a, b, before, last, late, of_charge, of_sample, state):  # type: ignore
+    """Take a cell through a clock from both parts of its output piece by piece; return as `_closely`."""
+    slow = own[RATE_A + c], own[DRIVE_A + c], own[WEIGHT_A + c]
+    fast = own[RATE_B + c], own[DRIVE_B + c], own[WEIGHT_B + c]
+    return _closely(
+        slow, fast, a, b, own[FOLLOWS + c], own[X + c], own[PACKET + c], before, last, late, own[AT + c],
+        own[RISE + c] - of_charge, own[FALL + c] - of_charge, of_sample, own[LOW + c], own[HIGH + c], state,
+    )  # fmt: skip
+
+
+@_part
 def _couple(own, wide, links, time, late, lags, limits):  # type: ignore
     """Add to the charge of a clock what other columns of the row give way to.
 
     A virtual ground is off by what the output lags behind the charge, whose integral over a clock is the lag times the
-    change of the output, and by its share of the output. The end of the clock is taken from the
-    charge that the others gave in the clock before. `time` runs from -1/2 to 1/2 over the gate.
+    change of the output, and by its share of the output. The end of the clock is taken from the charge that the others
+    gave in the clock before, piece by piece near the range. `time` runs from -1/2 to 1/2 over the gate.
     """
     cols = links.shape[2]
     for c in range(wide):
@@ -378,12 +389,9 @@ def _couple(own, wide, links, time, late, lags, limits):  # type: ignore
         before, end = own[A + c] + own[B + c], a + b
         w = _charge(own, c, a, b, lags)
         if w > own[NEAR_HIGH + c] or w < own[NEAR_LOW + c]:
-            slow = own[RATE_A + c], own[DRIVE_A + c], own[WEIGHT_A + c]
-            fast = own[RATE_B + c], own[DRIVE_B + c], own[WEIGHT_B + c]
-            _, _, _, a, b = _closely(
-                slow, fast, own[A + c], own[B + c], own[FOLLOWS + c], own[X + c], own[PACKET + c], own[Q2 + c],
-                own[Q1 + c], late, own[AT + c], own[RISE + c], own[FALL + c], 0.0, own[LOW + c], own[HIGH + c], True,
-            )  # fmt: skip
+            _, _, _, a, b = _by_pieces(
+                own, c, own[A + c], own[B + c], own[Q2 + c], own[Q1 + c], late, 0.0, 0.0, True
+            )
             end = a + b
         own[GROUND + c] = own[FOLLOWS + c] * (end - before) + own[SHARE + c] * 0.5 * (before + end)
     for c in range(wide):
@@ -464,13 +472,18 @@ def _decide_again(own, grid, n, step, late, c, i, lags, noise, keys):  # type: i
         if clear:
             state = end >= own[RISE + c]
     if not clear:
-        slow = own[RATE_A + c], own[DRIVE_A + c], own[WEIGHT_A + c]
-        fast = own[RATE_B + c], own[DRIVE_B + c], own[WEIGHT_B + c]
-        seen, sampled, state, a, b = _closely(
-            slow, fast, own[OLD_A + c], own[OLD_B + c], own[FOLLOWS + c], own[X + c], own[PACKET + c],
-            own[Q3 + c], own[Q2 + c], late, own[AT + c], own[RISE + c] - of_charge, own[FALL + c] - of_charge,
-            of_sample, own[LOW + c], own[HIGH + c], state,
-        )  # fmt: skip
+        seen, sampled, state, a, b = _by_pieces(
+            own,
+            c,
+            own[OLD_A + c],
+            own[OLD_B + c],
+            own[Q3 + c],
+            own[Q2 + c],
+            late,
+            of_charge,
+            of_sample,
+            state,
+        )
         moved = sampled + of_charge + of_sample
         if not inside:
             own[A + c], own[B + c] = a, b

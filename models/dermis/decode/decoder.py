@@ -294,18 +294,18 @@ def _mode_variance(k, modes, solved_off, n, g, current, ceiling, u, taken, total
 
 @_compiled
 def _warmth(k, g, down, up):
-    """Return how much more than known the constant taxels conduct, as a factor, its error, and if it can be so.
+    """Return how much more than known the constant taxels conduct, as a factor with its error, and if it can be so.
 
     Below 1 / WARMEST and above WARMEST a constant taxel is loose, or was pressed: the factor is then 1.
     """
-    warm, part, true = 1.0, 0.0, True
+    warm, part, steady = 1.0, 0.0, True
     for m in range(k.reference.shape[0]):
         r, c = int(k.reference[m, 0]), int(k.reference[m, 1])
         share, ratio = 1.0 / k.reference.shape[0], g[r, c] / k.reference[m, 2]
-        true = true and 1.0 / WARMEST <= ratio <= WARMEST
+        steady = steady and 1.0 / WARMEST <= ratio <= WARMEST
         warm += share * (ratio - 1.0)
         part += share * max(up[r, c], down[r, c]) / k.reference[m, 2]
-    return (warm if true else 1.0), part, true
+    return (warm if steady else 1.0, part), steady
 
 
 @_compiled
@@ -407,9 +407,8 @@ def _decode_frames(k, codes, missing, dt_s, modes, solved, solved_off, memory, r
         _widen(k, current, ceiling, g, e_down, e_up, offset_a)
         _spread(k, g, e_down, e_up, u, total, full_row, hidden, down, up, through, doubt)
         _mode_variance(k, modes, solved_off, n, g, current, ceiling, u, taken, total, through, other, spread)
-        warm, warm_part, true = _warmth(k, g, down, up)
-        warmth = warm, warm_part
-        _flags(k, codes[n], g, good and true, doubt, full_row, full_column, flags)
+        warmth, steady = _warmth(k, g, down, up)
+        _flags(k, codes[n], g, good and steady, doubt, full_row, full_column, flags)
         _by_factor(
             k, codes[n], g, down, up, spread, offset_a, flags, warmth, force, low, high, near_low, near_high
         )

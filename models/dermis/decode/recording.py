@@ -208,12 +208,12 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
         time_unit, unit = _unit_of(time), _unit_of(values) or _unit_set(sets)
         left = [n for n, item in sets.items() if item is not values and n != name]
         values, time = _physical(values), None if time is None else _physical(time)
-    values = np.asarray(values).T if reversed_axes else np.asarray(values)
+    values = values.T if reversed_axes else values
     if values.dtype.kind not in "biuf":
         raise InputError(path, "--key", str(values.dtype), "an array of real numbers")
-    if time is not None and np.asarray(time).dtype == np.float32 and time.size > 2:
-        step = np.median(np.abs(np.diff(np.asarray(time, dtype=float).ravel())))
-        if np.spacing(np.nanmax(np.asarray(time))) > 0.1 * step:
+    if time is not None and time.dtype == np.float32 and time.size > 2:
+        step = np.median(np.abs(np.diff(time.ravel().astype(float))))
+        if np.spacing(np.nanmax(time)) > 0.1 * step:
             allowed = "times of more digits than float32 has, or --rate"
             raise InputError(path, str(name), f"steps of {step:g}", allowed)
     time = None if time is None else np.asarray(time, dtype=float).ravel()
