@@ -168,6 +168,11 @@ class Plan:
         """The frame with the most conductance; a short counts as much as 1 ohm."""
         return int(np.argmax(np.minimum(self.conductance_s(), 1.0).sum(axis=(1, 2))))
 
+    def most_changing_frame(self) -> int:
+        """The frame whose conductance changes most until the next one; a short counts as much as 1 ohm."""
+        now, then = (np.minimum(g, 1.0) for g in (self.conductance_s(), self.next_conductance_s()))
+        return int(np.argmax(np.abs(then - now).sum(axis=(1, 2))))
+
     def busiest(self, frames: int) -> Plan:
         """Return at most `frames` consecutive frames as a plan, around the one with the most conductance."""
         if frames >= self.frames:
@@ -214,16 +219,18 @@ class Plan:
         return tuple(name for name in self.on if field in effects.EFFECTS[name].fields())
 
     def gate_shares(self) -> Floats:
-        """Begin, end and middle of the gate of each row in parts of the time to the next frame, [3, rows], up to 1."""
+        """Begin, end, middle, first and third quarter of the gate of each row in parts of the time to the next frame.
+
+        [5, rows], up to 1.
+        """
         timing = self.timing
         slot = np.arange(self.rows) * timing.slot_clocks + timing.settle_clocks
         clocks = self.drive.t_frame_s * timing.f_clk_hz
         # The last gate may end with the frame: a rounding of its length there would leave a part of a short over, or
-        # less than nothing. A recording may be faster than the chip: then the next frame is reached before the gate is
-        # over.
+        # less than nothing.
         if abs(clocks - round(clocks)) <= 1e-9 * clocks:
             clocks = float(round(clocks))
-        at = np.stack([slot, slot + timing.gate_clocks, slot + timing.gate_clocks / 2])
+        at = np.array([0.0, 1.0, 0.5, 0.25, 0.75])[:, np.newaxis] * timing.gate_clocks + slot
         return np.minimum(at / clocks, 1.0)
 
     def unsure(self, effect: str, beside: Iterable[str], what: str, most: float, found: float) -> InputError:

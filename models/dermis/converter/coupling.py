@@ -114,6 +114,6 @@ def _in_gates(plan: Plan, part: slice) -> tuple[Floats, Floats]:
     change = seen_from_grounds(network, then) - now
     bend = 4.0 * seen_from_grounds(network, 0.5 * (np.minimum(g, G_ACROSS_S) + np.minimum(then, G_ACROSS_S)))
     bend -= 4.0 * now + 2.0 * change
-    begin, end, middle = plan.gate_shares()[:, np.newaxis, :, np.newaxis, np.newaxis]
+    begin, end, middle = plan.gate_shares()[:3, np.newaxis, :, np.newaxis, np.newaxis]
     at = [now + s * change + s * (1.0 - s) * bend for s in (begin, end, middle)]
     return at[2], at[1] - at[0]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from dermis.array.array import Network, column_currents_by_source
 from dermis.converter import injection, ripple
-from dermis.converter.coupling import couples, coupling
+from dermis.converter.coupling import coupling
 from dermis.converter.vfc import X_INFINITE, Y_MIN
 from dermis.errors import InputError, SimulatorError
 from dermis.ndarrays import Floats
@@ -42,6 +42,8 @@ _OPEN_OHM = 1e30
 # in. The next one is used, and such polynomials square their error when their points double: 1e-7, 5e-5 count
 # in a gate.
 _COURSE_MISS = 1e-4
+# Digits that the current of a short has not.
+_ROUNDING = 1e-12
 
 
 def currents(network: Network, g: Floats) -> Floats:
@@ -59,23 +61,53 @@ def solve_gate(
     these are solved.
 
     Returns column currents in ampere, [2, instants, frames, rows, cols]: the part that goes with the bias and the rest,
-    where a gate begins; with motion also where it ends; where that does not go straight also what they are in the
-    middle beyond the mean of both.
+    where a gate begins; with motion also where it ends; where that does not go straight also how far the parabola with
+    the same integral over the gate is above the mean of both in the middle.
+
+    InputError where the waveform of a ripple or of motion may move a code by more than 1 LSB.
     """
     network, g = plan.network(0), plan.conductance_s(part)[frames]
     if idle:
         network = dataclasses.replace(network, r_row_driven_ohm=min(network.r_row_grounded_ohm, _OPEN_OHM))
     if not plan.drive.motion:
-        return currents(network, g)[:, np.newaxis]
-    at = plan.gate_shares().ravel()
-    now, then = (np.minimum(v, _G_SHORT_S) for v in (g, plan.next_conductance_s(part)[frames]))
-    if not network.active_fields():
-        follows = plan.v_bias_v * _between(now, then, at.reshape(3, 1, plan.rows, 1)[:2])
-        return np.stack([follows, np.zeros_like(follows)])
-    unit_a = float((plan.converter.k * plan.converter.i0_a).min())
-    found = _through_frame(network, now, then, at, _COURSE_MISS * unit_a)
-    found[:, 2] -= 0.5 * (found[:, 0] + found[:, 1])
+        found = currents(network, g)[:, np.newaxis]
+    else:
+        at = plan.gate_shares()
+        now, then = (np.minimum(v, _G_SHORT_S) for v in (g, plan.next_conductance_s(part)[frames]))
+        if network.active_fields():
+            unit_a = float((plan.converter.k * plan.converter.i0_a).min())
+            points = _through_frame(network, now, then, at.ravel(), _COURSE_MISS * unit_a)
+            begin, end, middle, early, late = points.swapaxes(0, 1)
+            # Boole's rule, for what a parabola lacks.
+            mean = (7.0 * (begin + end) + 32.0 * (early + late) + 12.0 * middle) / 90.0
+            found = np.stack([begin, end, 1.5 * mean - 0.75 * (begin + end)], axis=1)
+            if not idle:
+                _check_bend(plan, points, mean)
+        else:
+            follows = plan.v_bias_v * _between(now, then, at.reshape(-1, 1, plan.rows, 1)[:2])
+            found = np.stack([follows, np.zeros_like(follows)])
+    if ripple.may_bend(plan) and not idle:
+        ripple.check(plan, found)
     return found
+
+
+def _check_bend(plan: Plan, points: Floats, mean: Floats) -> None:
+    """Raise InputError where Simpson's rule of `points`, currents [2, 5, ...] of a gate at the instants of
+    `Plan.gate_shares`, and their `mean` [2, ...] by Boole's rule differ by more than 1 LSB.
+    """
+    per_a, _, _, squeeze, *_ = _columns(plan, np.arange(plan.cols))
+    simpson = (points[:, 0] + points[:, 1] + 4.0 * points[:, 2]) / 6.0
+    size = np.abs(points.sum(axis=0) * per_a)
+    counts = np.abs((mean - simpson).sum(axis=0) * per_a) - _ROUNDING * size.max(axis=0)
+    least = size.min(axis=0)
+    if squeeze is not None:
+        least /= 1.0 + least * squeeze
+    full = least >= ripple.FULL * (1.0 + np.abs(plan.converter.packet_error))
+    counts = np.where(full, 0.0, counts * plan.timing.gate_clocks)
+    if not (counts <= ripple.BENT).all():
+        fields = plan.network(0).active_fields()
+        beside = [name for name in plan.on if any(name in plan.effects_of_field(field) for field in fields)]
+        raise plan.unsure("motion", beside, "a current that bends within a gate", ripple.BENT, counts.max())
 
 
 def idle_currents(
@@ -290,14 +322,18 @@ def has_idle_current(plan: Plan) -> bool:
 
 
 def refuses(plan: Plan) -> InputError | None:
-    """Return the error of `injection.check_lines`, or of `Slots` for the frame with the most conductance, or None."""
+    """Return the error of `injection.check_lines`, or of `coupling` or `solve_gate` for the frames with the most
+    conductance and the most change, or None.
+    """
     try:
         injection.check_lines(plan)
-        if couples(plan) or ripple.may_bend(plan):
-            first = plan.fullest_frame()
-            fullest = slice(first, first + 1)
-            coupling(plan, fullest)
-            Slots(plan, fullest)
+        first = plan.fullest_frame()
+        coupling(plan, slice(first, first + 1))
+        if plan.drive.motion and plan.network(0).active_fields():
+            first = plan.most_changing_frame()
+            solve_gate(plan, slice(first, first + 1))
+        elif ripple.may_bend(plan):
+            solve_gate(plan, slice(first, first + 1))
     except InputError as error:
         return error
     return None
@@ -322,8 +358,6 @@ class Slots:
 
     def __init__(self, plan: Plan, part: slice) -> None:
         drive, gate_currents = plan.drive, solve_gate(plan, part)
-        if drive.ripple:
-            ripple.check(plan, gate_currents)
         self.frames, self.rows, self.cols = gate_currents.shape[2:]
         self.basis = _basis_of(plan, gate_currents)
         phase, each = phases(plan, part).T[:, :, np.newaxis], (self.frames, self.cols)

@@ -10,11 +10,11 @@ from dermis.ndarrays import Floats
 from dermis.records import Plan
 
 # Counts by which a course within a clock may move a code beyond what its mean does.
-_BENT = 1.0
+BENT = 1.0
 # Counts of a ripple's swing within its clocks, at a duty of 1, below which `refuses` does not solve a frame to ask.
 _ASKED = 0.1
 # Packets a clock from which on a converter is at full scale whatever it is short of: twice what it takes.
-_FULL = 1.0
+FULL = 1.0
 
 
 def _within(plan: Plan) -> tuple[float, float]:
@@ -105,7 +105,7 @@ def bent(plan: Plan, gate_currents: Floats) -> dict[str, Floats]:
                 name: np.broadcast_to(c.max(axis=1, keepdims=True), c.shape) for name, c in found.items()
             }
         else:
-            full = low / (1.0 + squeeze * least) >= _FULL * np.maximum(size, 1.0)
+            full = low / (1.0 + squeeze * least) >= FULL * np.maximum(size, 1.0)
             found = {name: np.where(full, 0.0, counts) for name, counts in found.items()}
         if converter.range_clips():
             angle = 2.0 * math.pi * plan.drive.f_ripple_hz / plan.timing.f_clk_hz
@@ -125,6 +125,6 @@ def check(plan: Plan, gate_currents: Floats) -> None:
     if not bends_courses(plan):
         return
     for name, counts in bent(plan, gate_currents).items():
-        if (counts > _BENT).any():
+        if (counts > BENT).any():
             beside, what = plan.effects_of_field(name), "a ripple whose waveform within a clock"
-            raise plan.unsure("supply_ripple", beside, what, _BENT, counts.max())
+            raise plan.unsure("supply_ripple", beside, what, BENT, counts.max())

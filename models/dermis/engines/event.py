@@ -7,6 +7,7 @@ import numpy as np
 
 from dermis import fields
 from dermis.converter import course, injection, walk
+from dermis.converter.coupling import couples
 from dermis.converter.vfc import LONGEST_GATE, code_type
 from dermis.engines import Result
 from dermis.errors import InputError
@@ -44,7 +45,7 @@ def _refuses_return(plan: Plan) -> InputError | None:
     asked = {
         "line_capacitance": bool(active & injection.CAPACITANCES),
         "mirror_lag": course.has_idle_current(plan),
-        "integrator_gain": course.couples(plan),
+        "integrator_gain": couples(plan),
     }
     if (name := next((name for name, on in asked.items() if on), None)) is None:
         return None
