@@ -197,7 +197,8 @@ def _terms(drive: Drive, gate_currents: Floats, phase: Floats, limit_a: Floats, 
     terms = []
     for follows, rest in np.concatenate([begin, end - begin, 4.0 * bend], axis=1).swapaxes(0, 1):
         terms += [follows + rest, follows * sine, follows * cosine] if drive.ripple else [follows + rest]
-    return np.stack(terms, axis=1) * per_a
+    # The loops would be compiled again for another order in memory.
+    return np.ascontiguousarray(np.stack(terms, axis=1) * per_a)
 
 
 def phases(plan: Plan, part: slice) -> Floats:

@@ -29,6 +29,8 @@ RANDOM = FAMILIES["noise"]
 _SLOT_RANDOM = frozenset({"v_preset_noise_v", "packet_flicker"})
 
 _LEAK_MAX = 1e12
+# Another kind of argument is another loop to compile.
+_NOTHING = np.empty(0)
 # Duty beyond which a converter saturates whatever its noise is.
 _X_NOISE_MAX = 1.0
 
@@ -268,7 +270,7 @@ def walk_cells(
     counts: NDArray[np.int64],
     end: Floats,
     links: Floats | None = None,
-    given: Floats | None = None,
+    given: Floats = _NOTHING,
 ) -> None:
     """Count a block of `rows`, whose `links` [n, 2, cols] are those of all of them; the rest as for
     converter.walk_loops.walk.

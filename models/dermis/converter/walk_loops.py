@@ -52,7 +52,9 @@ SIGMA, WHITE, SLOPE, APERTURE = range(4)
 
 # Charge a clock up to which a limit is seen inside a clock too; more ends at the limit anyway.
 SLOPE_MAX = 2.0
-# A part of `walk`: numba puts it in before it looks at types, so that what is None falls away there as well.
+_compiled = numba.njit(cache=True, error_model="numpy")
+# A part of every clock of every cell: numba puts it in before it looks at types, so that what is None falls away there
+# as well. Parts that run seldom are calls: put in, they would be compiled with every kind of `walk`.
 _part = numba.njit(inline="always", error_model="numpy")
 # Distance in packets from a limit up to which a charge counts as at the limit.
 AT_LIMIT = 1e-14
@@ -84,13 +86,13 @@ def plain(x, w0, packet, rise, clocks, charge_delay, counts, w_end):  # type: ig
         w_end[i] = w0[i] + (clocks * x[i] - gone * packet[i])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_compiled
 def _grow(rate, length):  # type: ignore
     """Integral of exp(rate t) over 0..length."""
     return length if rate == 0.0 else math.expm1(rate * length) / rate
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_compiled
 def grid_step(sigma, clocks):  # type: ignore
     """Return the cheapest grid of the Brownian paths in clocks; the paths themselves do not depend on it.
 
@@ -107,7 +109,7 @@ def grid_step(sigma, clocks):  # type: ignore
     return min(best, span)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_compiled
 def modes(w0, leak, across, lag):  # type: ignore
     """(rate, drive, weight, start) of both exponentials; nothing of the second where the output does not lag.
 
@@ -130,7 +132,7 @@ def modes(w0, leak, across, lag):  # type: ignore
     return slow, (-total / (2.0 * lag), -1.0 / root, weight, start)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_compiled
 def modes_of(cells):  # type: ignore
     """Return `modes` of all cells of a Flat, [2, 4, n]."""
     out = np.empty((2, 4, cells.w0.size))
@@ -141,21 +143,21 @@ def modes_of(cells):  # type: ignore
     return out
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_compiled
 def _after(mode, start, current, time):  # type: ignore
     """A part of the output after some time of constant current."""
     rate, drive, _ = mode
     return math.exp(rate * time) * start + drive * current * _grow(rate, time)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_compiled
 def _slope(mode, start, current, time):  # type: ignore
     """Slope of `_after`."""
     rate, drive, _ = mode
     return math.exp(rate * time) * (rate * start + drive * current)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_compiled
 def _piece(slow, fast, a, b, lag, current, length, low, high):  # type: ignore
     """Return (a, b) after a piece of constant current, and the turning point of the output inside it, or nan.
 
@@ -213,13 +215,13 @@ def _piece(slow, fast, a, b, lag, current, length, low, high):  # type: ignore
     return end_a, end_b, turn
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_compiled
 def _is_high(value, rise, fall, state):  # type: ignore
     """State of the comparator at an output; where that is nan, the one before."""
     return value >= rise or (state and not value < fall)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_compiled
 def _closely(  # type: ignore
     slow, fast, a, b, lag, x, packet, before, last, late, sample, rise, fall, shift, low, high, state
 ):
@@ -238,7 +240,7 @@ def _closely(  # type: ignore
     return seen, sampled, state, a, b
 
 
-@_part
+@_compiled
 def _load_mode(own, keep, c, mode, packet, late):  # type: ignore
     """Load one exponential into the places from `keep` on."""
     rate, drive, weight, _ = mode
@@ -248,7 +250,7 @@ def _load_mode(own, keep, c, mode, packet, late):  # type: ignore
         own[keep + k * BLOCK + c] = value
 
 
-@_part
+@_compiled
 def _load(own, c, cells, i, late, lags, early, limits):  # type: ignore
     """Begin with cell i at place c.
 
@@ -289,7 +291,7 @@ def _load(own, c, cells, i, late, lags, early, limits):  # type: ignore
             own[LEAST + c], own[MOST + c] = low, high
 
 
-@_part
+@_compiled
 def _load_noise(own, c, i, late, noise, step):  # type: ignore
     """Load how far noise may move the output of a cell, on a path laid out every `step` clocks."""
     for k in range(4):
@@ -363,7 +365,7 @@ def _ahead(own, c, lags, limits):  # type: ignore
     return new_a, new_b
 
 
-@_part
+@_compiled
 def _by_pieces(own, c, a, b, before, last, late, of_charge, of_sample, state):  # type: ignore
     """Take a cell through a clock from both parts of its output piece by piece; return as `_closely`."""
     slow = own[RATE_A + c], own[DRIVE_A + c], own[WEIGHT_A + c]
@@ -374,7 +376,7 @@ def _by_pieces(own, c, a, b, before, last, late, of_charge, of_sample, state):  
     )  # fmt: skip
 
 
-@_part
+@_compiled
 def _couple(own, wide, links, time, late, lags, limits):  # type: ignore
     """Add to the charge of a clock what other columns of the row give way to.
 
@@ -427,7 +429,7 @@ def _clock(own, marks, c, lags, early, limits, noise):  # type: ignore
         own[B + c] = new_b
 
 
-@_part
+@_compiled
 def _noise_of(own, grid, n, step, c, inside, key):  # type: ignore
     """Draw the noise of a marked clock: (that of the charge, that of the sample alone)."""
     top, bottom, rest = own[RISE + c], own[FALL + c], own[REST + c]
@@ -453,7 +455,7 @@ def _noise_of(own, grid, n, step, c, inside, key):  # type: ignore
     return of_charge, of_sample
 
 
-@_part
+@_compiled
 def _decide_again(own, grid, n, step, late, c, i, lags, noise, keys):  # type: ignore
     """Decide a marked clock with its noise, its range and the state of its comparator."""
     clear, seen, of_charge, of_sample, moved = False, False, 0.0, 0.0, 0.0
@@ -496,7 +498,7 @@ def _decide_again(own, grid, n, step, late, c, i, lags, noise, keys):  # type: i
     own[Q1 + c] = bit
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_compiled
 def walk(  # type: ignore
     clocks, late, x, cells, lags, early, limits, noise, keys, step, links, begin, stop, counts, end, given
 ):

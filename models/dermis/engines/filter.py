@@ -119,7 +119,7 @@ class _Part:
         self.active = plan.active_fields()
         self.random = bool(self.active & walk.RANDOM)
         self.slow_mirror = "q_mirror_c" in self.active
-        self.g_column_s = np.array(columns_in_gates(plan, part))
+        self.g_column_s = columns_in_gates(plan, part).copy()
         self.seed, self.first = np.uint64(plan.seed), plan.first_frame + part.start
         self._solve(np.broadcast_to(apart_lsb, plan.cols).astype(float))
 
