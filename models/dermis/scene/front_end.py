@@ -111,13 +111,10 @@ class FrontEnd:
         else:
             start = table.full_scale - table.zero_count if falling else table.zero_count
             zero = int(np.floor(start + 0.5))
-        held = table.multiplexer_ohm if table.idle_rows == "held" else np.inf
-        network = {
-            "r_row_driven_ohm": table.multiplexer_ohm,
-            "r_row_grounded_ohm": held,
-            "r_column_ohm": ohm.copy() if divider else 0.0,
-        }
-        least_a = table.supply_v / (table.r_min_ohm + (ohm if divider else 0.0))
+        in_column, in_row = ohm.copy() if divider else 0.0, table.multiplexer_ohm
+        held = in_row if table.idle_rows == "held" else np.inf
+        network = {"r_row_driven_ohm": in_row, "r_row_grounded_ohm": held, "r_column_ohm": in_column}
+        least_a = table.supply_v / (table.r_min_ohm + in_column)
         full = np.minimum(np.floor(least_a / step_a + start + 0.5), table.full_scale)
         made = table.full_scale, falling, divider, step_a, np.full(cols, start), full, zero
         return cls(*made, 1.0 / table.r_min_ohm, network)

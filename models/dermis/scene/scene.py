@@ -198,18 +198,21 @@ def from_data(data: dict[str, Any], path: Path, design: Design | None = None) ->
 
 def with_effects(world: Scene, table: Any, engine: str | None) -> Scene:
     """Return the scene with another [effects] table and another engine (None: no engine named)."""
-    run = world.table.run.model_copy(update={"engine": engine})
-    return resolve(world.table.model_copy(update={"effects": table, "run": run}), world.path, world.design)
+    return _again(world, {"engine": engine}, effects=table)
 
 
 def with_views(world: Scene, views: str) -> Scene:
     """Return the scene with every SPICE block in this view, at default conditions."""
-    said = world.table.run.views
-    if not isinstance(said, str):
+    if not isinstance(world.table.run.views, str):
         allowed = "none, because the scene has a table run.views for its blocks"
         raise InputError("command line", "--views", views, allowed)
-    run = world.table.run.model_copy(update={"views": views})
-    return resolve(world.table.model_copy(update={"run": run}), world.path, world.design)
+    return _again(world, {"views": views})
+
+
+def _again(world: Scene, run: dict[str, Any], **tables: Any) -> Scene:
+    """Return the scene with some keys of [run] and some tables changed."""
+    tables["run"] = world.table.run.model_copy(update=run)
+    return resolve(world.table.model_copy(update=tables), world.path, world.design)
 
 
 def _wrong(
@@ -302,10 +305,10 @@ def schema_table() -> str:
     return "\n".join(lines).strip("\n") + "\n"
 
 
-def scenes_table(directory: Path = SCENES) -> str:
+def scenes_table() -> str:
     """Return the table of the package's scenes, for docs/scenes.md."""
     lines = ["| scene | title | stimulus | effects that are on |", "|---|---|---|---|"]
-    for path in sorted(directory.glob("*.toml")):
+    for path in sorted(SCENES.glob("*.toml")):
         made = load(path)
         stimulus = made.table.stimulus
         kinds = [part.kind for part in getattr(stimulus, "parts", [])] or [stimulus.kind]

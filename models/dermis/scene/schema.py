@@ -289,30 +289,25 @@ def write_toml(tables: dict[str, Any]) -> str:
 
     Keys are bare names of the schema; None is left out. Tables within tables are written inline.
     """
-
-    def pairs(table: dict[str, Any]) -> list[str]:
-        return [f"{k} = {_toml_value(v)}" for k, v in table.items() if v is not None]
-
-    lines = pairs({name: value for name, value in tables.items() if not isinstance(value, dict)})
+    lines = _toml_pairs({name: value for name, value in tables.items() if not isinstance(value, dict)})
     for name, table in tables.items():
         if isinstance(table, dict):
-            lines += ["", f"[{name}]", *pairs(table)]
+            lines += ["", f"[{name}]", *_toml_pairs(table)]
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
+def _toml_pairs(table: dict[str, Any]) -> list[str]:
+    return [f"{k} = {_toml_value(v)}" for k, v in table.items() if v is not None]
+
+
 def _toml_value(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, str):  # TOML escapes as JSON does, and one more character
+    if isinstance(value, bool | str):  # TOML escapes as JSON does, and one more character
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml_value(v) for v in value) + "]"
     if isinstance(value, dict):
-        inner = ", ".join(f"{k} = {_toml_value(v)}" for k, v in value.items() if v is not None)
-        return "{ " + inner + " }" if inner else "{}"
-    raise TypeError(f"no TOML for {type(value).__name__}")
+        return f"{{ {', '.join(pairs)} }}" if (pairs := _toml_pairs(value)) else "{}"
+    return repr(value)  # numbers
 
 
 def merged(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -277,7 +277,8 @@ class ResistanceTable(_Stored):
     kind: Literal["resistance"] = entry(..., "Resistances in ohm from a file; 0 is a short, inf is open")
 
 
-Part = Annotated[IndenterTable | SlipTable | TappingTable | RampTable, Field(discriminator="kind")]
+_Bodies = IndenterTable | SlipTable | TappingTable | RampTable
+Part = Annotated[_Bodies, Field(discriminator="kind")]
 
 
 class SeveralTable(Strict):
@@ -292,15 +293,7 @@ class SeveralTable(Strict):
 
 
 StimulusTable = Annotated[
-    IndenterTable
-    | SlipTable
-    | TappingTable
-    | RampTable
-    | SeveralTable
-    | UniformTable
-    | FramesTable
-    | ResistanceTable,
-    Field(discriminator="kind"),
+    _Bodies | SeveralTable | UniformTable | FramesTable | ResistanceTable, Field(discriminator="kind")
 ]
 
 
@@ -468,23 +461,19 @@ def _count(table: _Lasting, about: Surroundings, listed: int | None) -> int:
 
 
 def _several(table: SeveralTable, about: Surroundings) -> Frames:
-    total: Frames | None = None
+    force, t_frame_s = np.zeros((1, about.rows, about.cols)), None
     for n, part in enumerate(table.parts):
         here = replace(about, where=f"{about.where}.parts.{n}")
         made = make_frames(part, here)
-        if total is None:
-            total = made
-            continue
-        if made.t_frame_s != total.t_frame_s:
+        if made.t_frame_s != (t_frame_s := t_frame_s or made.t_frame_s):
             said = 'the same for all parts, or resample = "hold" or "linear"'
             raise here.wrong("t_frame_s", getattr(part, "t_frame_s", made.t_frame_s), said)
-        count = max(made.force_n.shape[0], total.force_n.shape[0])
+        count = max(len(made.force_n), len(force))
         with np.errstate(over="ignore"):
-            force = _held(made.force_n, count) + _held(total.force_n, count)
+            force = _held(made.force_n, count) + _held(force, count)
         if not np.isfinite(force).all():
             raise here.wrong("", "its forces", "a sum that stays finite")
-        total = Frames(total.resistance_ohm, force, made.t_frame_s)
-    return Frames(about.sensor.resistance_ohm(total.force_n), total.force_n, total.t_frame_s)
+    return Frames(about.sensor.resistance_ohm(force), force, t_frame_s)
 
 
 def _held(values: Floats, count: int) -> Floats:
@@ -598,9 +587,12 @@ def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
         if (total := len(values) + found) > VALUES_MAX:
             raise InputError(shown, f"line {number}", f"{total} values", f"at most {VALUES_MAX} values")
         cells = line.split(",")
-        if "_" in line or not _extended(values, cells):
-            place, cell = next((n, cell) for n, cell in enumerate(cells, 1) if not _is_number(cell))
-            raise InputError(shown, f"line {number}, value {place}", quoted(cell.strip()), "a number")
+        try:
+            values.extend(map(_number, cells) if "_" in line else map(float, cells))
+        except ValueError:
+            place = len(values) % width + 1
+            said = quoted(cells[place - 1].strip())
+            raise InputError(shown, f"line {number}, value {place}", said, "a number") from None
     if not width:
         raise InputError(shown, "lines", 0, f"at least one line of {layout}")
     lines = len(values) // width
@@ -609,18 +601,9 @@ def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
     return np.frombuffer(values).reshape(-1, rows, cols)
 
 
-def _is_number(cell: str) -> bool:
-    """Return True for the text of a number; float() alone takes 1_000 as well."""
-    return "_" not in cell and _extended(arrays.array("d"), [cell])
-
-
-def _extended(values: arrays.array, cells: list[str]) -> bool:
-    """Append numbers; return False if one of them is none."""
-    try:
-        values.extend(map(float, cells))
-    except ValueError:
-        return False
-    return True
+def _number(cell: str) -> float:
+    """Return the number of a text; float() alone takes 1_000 as well."""
+    return float(cell.replace("_", "no number"))
 
 
 def _read_numpy(data: bytes, shown: str, suffix: str, table: _Stored, about: Surroundings) -> Floats:

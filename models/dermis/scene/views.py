@@ -6,7 +6,7 @@ A block has the same name and pins in both, so a view is the folder from which i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -67,12 +67,6 @@ class Views(Strict):
         channel = dict.fromkeys(BLOCKS, "behavioural") | {"row_driver": self.row_driver}
         return self.model_copy(update=channel | {"columns": None})
 
-    def conditions(self) -> Mapping[str, Any]:
-        """Return corner, temperature and supply, for reports."""
-        return {name: getattr(self, name) for name in _CONDITIONS}
-
-
-_CONDITIONS = ("corner", "temperature_c", "supply_scale")
 
 BEHAVIOURAL = Views.of("behavioural")
 
@@ -95,6 +89,6 @@ def _wrong(views: Views, cols: int) -> Iterator[tuple[str, str]]:
     if columns is not None and not len(set(columns) & set(range(cols))) == len(columns) > 0:
         yield "columns", f"a list of different whole numbers from 0, below array.cols = {cols}"
     if not any(getattr(views, name) == "sky130" for name in BLOCKS):
-        for name, default in {"columns": None, **BEHAVIOURAL.conditions()}.items():
-            if getattr(views, name) != default:
+        for name in ("columns", "corner", "temperature_c", "supply_scale"):
+            if getattr(views, name) != getattr(BEHAVIOURAL, name):
                 yield name, 'nothing where no block is "sky130"'
