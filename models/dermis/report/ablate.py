@@ -153,21 +153,17 @@ def docs_table(costs: list[Cost], title: str) -> str:
 def figure(costs: list[Cost], title: str, path: Path) -> None:
     """Draw the costs as bars: codes on the left, time on the right."""
     order = costs[::-1]
-    names = [c.name for c in order]
     canvas = Figure(figsize=(11, 1.6 + 0.32 * len(order)), layout="constrained")
     codes, time = canvas.subplots(1, 2, sharey=True, width_ratios=[2, 1])
-    y, largest, mean = (
-        np.arange(len(order)),
-        [c.code_max_lsb for c in order],
-        [abs(c.mean_shift_lsb) for c in order],
-    )
+    y, largest = np.arange(len(order)), [c.code_max_lsb for c in order]
     codes.barh(y + 0.2, largest, 0.4, color=figures.BLUE, label="largest |shift|")
+    mean = [abs(c.mean_shift_lsb) for c in order]
     codes.barh(y - 0.2, mean, 0.4, color=figures.ORANGE, label="|mean shift|")
     codes.set_xscale("symlog", linthresh=1.0)
     codes.set_xlim(0, 3 * max(1, *largest))  # room for the text after the longest bar
     codes.xaxis.set_major_formatter("{x:g}")
     codes.set_xlabel("shift of the code when the effect goes / LSB, and share of the taxels that move")
-    codes.set_yticks(y, names)
+    codes.set_yticks(y, [c.name for c in order])
     codes.legend(frameon=False, fontsize=8, loc="lower right")
     for at, cost in zip(y, order, strict=True):
         place = max(cost.code_max_lsb, 0.02), at + 0.2

@@ -83,8 +83,7 @@ def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row
 def first_frames(made: Plan, result: Result, name: str, taxels: int) -> list[Row]:
     """Judge the first frames that hold `taxels` taxels in all, as `compare` does."""
     frames = min(made.frames, -(-taxels // (made.rows * made.cols)))
-    first = made.part(0, frames)
-    rows = compare(first, Result(result.codes[:frames]), name)
+    rows = compare(made.part(0, frames), Result(result.codes[:frames]), name)
     return [{**row, "note": f"{row['note']}; {counted(frames, 'frame', made.frames)}"} for row in rows]
 
 

@@ -100,8 +100,7 @@ def frame_figure(
     both = [axes["press"], axes["codes"]]
     bar = parts[0].colorbar(image, ax=both, ticks=ticks, label="code (ideal force)" if alike else "code")
     forces = [f"  ({force:.3g} N)" if alike else "" for force in ideal_n[:, 0]]
-    words = [f"{code}{force}" for code, force in zip(ticks, forces, strict=True)]
-    bar.ax.set_yticklabels(words, fontsize=8)
+    bar.ax.set_yticklabels(list(map("{}{}".format, ticks, forces)), fontsize=8)
     _curves(made, codes, top, fit, axes["curve"], axes["rest"])
     save(figure, path)
     return figure

@@ -180,16 +180,11 @@ def _map(
     """Return what page.html shows of a map: a colour and words for each taxel."""
     finite = values[np.isfinite(values)]
     low, high = limits or (0.0, float(finite.max()) if finite.size else 1.0)
-    shares = (values - low) / (high - low if high > low else 1.0)
-    colours = [[to_hex(colour) for colour in row] for row in colormaps[palette](shares)]
-    words = [
-        [
-            f"row {r}, column {c}: {'no value' if np.isnan(v) else f'{v:.4g} {label}'.rstrip()}"
-            for c, v in enumerate(row)
-        ]
-        for r, row in enumerate(values)
-    ]
-    cells = [list(zip(*row, strict=True)) for row in zip(colours, words, strict=True)]
+    colours = colormaps[palette]((values - low) / (high - low if high > low else 1.0))
+    cells: list[list[tuple[str, str]]] = [[] for _ in values]
+    for (r, c), v in np.ndenumerate(values):
+        said = "no value" if np.isnan(v) else f"{v:.4g} {label}".rstrip()
+        cells[r].append((to_hex(colours[r, c]), f"row {r}, column {c}: {said}"))
     return {"title": f"{title}, {low:.3g} to {high:.3g} {label}".rstrip(), "cells": cells}
 
 

@@ -204,7 +204,6 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
     """Return everything about a run but its codes, for scripts."""
     decoded = decode(plan, result.codes)
     total_n = decoded.force_n.sum(axis=(1, 2))
-    scalars = {k: v for k, v in result.info.items() if isinstance(v, str | int | float | dict)}
     return {
         "title": plan.scene.table.title,
         "scene": str(plan.scene.path),
@@ -221,7 +220,7 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
             "taxels_at_zero": int(decoded.zero.sum()),
             "taxels_at_full_scale": int(decoded.saturated.sum()),
         },
-        "info": finite(scalars),
+        "info": finite({k: v for k, v in result.info.items() if isinstance(v, str | int | float | dict)}),
         "memory_mb": {
             "this_process": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
             "largest_child": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,

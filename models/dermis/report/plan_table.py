@@ -43,8 +43,7 @@ def print_answer(plan: records.Plan) -> None:
         with progress.slots("effects compared", len(plan.on) + 1, "effects") as show:
             full, (_, *costs) = ablate.measure(plan.scene, "event", frames, 0, show)
         moving = [cost for cost in costs if cost.code_max_lsb]
-        changing = {cost.name: plan.on[cost.name] for cost in moving}
-        fewer = ablate.with_effects(plan.scene, changing, "event")
+        fewer = ablate.with_effects(plan.scene, {c.name: plan.on[c.name] for c in moving}, "event")
         fewer = fewer.part(full.first_frame, full.first_frame + full.frames)
         # The first run of a combination compiles its loops, which takes seconds.
         whole, part = (event.run(made).codes for made in (full, fewer))

@@ -310,8 +310,7 @@ def _missing_of(_: click.Context, __: click.Parameter, said: tuple[str, ...]) ->
         try:
             found |= {"gaps": one} if one in recording.GAPS else {"missing": float(one)}
         except ValueError:
-            allowed = "a number, refuse or hold"
-            raise InputError("command line", "--missing", one, allowed) from None
+            raise InputError("command line", "--missing", one, "a number, refuse or hold") from None
     return found
 
 

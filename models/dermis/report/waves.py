@@ -2,7 +2,7 @@
 """Waveforms of a co-simulation: digital nets and integrator voltages as VCD, for GTKWave."""
 
 import io
-from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +27,6 @@ def integrator_waves(record: dict[str, Any], cols: int) -> tuple[NDArray[np.floa
     return np.concatenate(times), np.concatenate([np.array(v) for v in volts], axis=1)
 
 
-def _changes(values: list[int], t_clk_ps: float, delay_clocks: float) -> Iterator[tuple[int, int]]:
-    last = None
-    for clock, value in enumerate(values, start=1):
-        if value != last:
-            yield round((clock + delay_clocks) * t_clk_ps), value
-            last = value
-
-
 def write(out: Path, made: Plan, result: Result) -> Path:
     """Write waves.vcd and waves.gtkw of the first part of a run into `out`; return the VCD's path."""
     vcd, gtkw = optional("vcd", "chip"), optional("vcd.gtkw", "chip")
@@ -45,7 +37,9 @@ def write(out: Path, made: Plan, result: Result) -> Path:
     events: list[tuple[int, str, Any]] = []
     for net in nets:
         delay = record["charge_delay_clocks"] if net == "charge" else 0.0
-        events += [(time, net, value) for time, value in _changes(record["trace"][net], t_clk_ps, delay)]
+        for clock, (last, value) in enumerate(pairwise([None, *record["trace"][net]]), start=1):
+            if value != last:
+                events.append((round((clock + delay) * t_clk_ps), net, value))
     for column, volts in enumerate(v_int):
         events += [(round(t * 1e12), f"v_int{column}", float(v)) for t, v in zip(time_s, volts, strict=True)]
     events.sort(key=lambda event: event[0])
