@@ -216,8 +216,6 @@ class Calibration:
         """Return the calibration as text; `load` reads the same one."""
         sheet = _values(self.curve, "kind logarithmic g_open_s force_on_n")
         sheet |= _values(self, "law_part uncorrected_part") | _values(self.curve, _PIECES)
-        own = [{"row": r, "col": c, **_values(law, _PIECES)} for (r, c), law in self.own.items()]
-        modes = [{"network": _plain(mode.network), **_values(mode, "factor_part")} for mode in self.modes]
         data = {
             "format": FORMAT,
             "notes": list(self.notes),
@@ -225,10 +223,10 @@ class Calibration:
             "chip": _values(self, "code_max v_bias_v noise_code falling divider", *_PER_COLUMN),
             "network": _plain(self.network),
             "sheet": sheet | _values(self, "factor factor_part"),
-            "own_law": own,
+            "own_law": [{"row": r, "col": c, **_values(law, _PIECES)} for (r, c), law in self.own.items()],
             "memory": _values(self.memory, "radius weight", _CREEP),
             "uncertainty": _values(self, "offset_v2"),
-            "mode": modes,
+            "mode": [{"network": _plain(m.network), **_values(m, "factor_part")} for m in self.modes],
             "reference": [{"row": r, "col": c, "conductance_s": g} for r, c, g in self.reference],
         }
         return dumps(data)
@@ -304,7 +302,7 @@ def load(path: Path | str) -> Calibration:
     # The first versions had no codes of none and of full scale, and no uncertainty of offsets.
     first = {"zero_code": [0.0] * cols, "full_code": [code_max] * cols, "falling": False, "divider": False}
     chip.data = first | chip.data
-    unknown = {"offset_v2": np.zeros((3, cols)).tolist()}
+    known = data.get("uncertainty", {"offset_v2": np.zeros((3, cols)).tolist()})
     kind, logarithmic = sheet.value("kind", str), sheet.value("logarithmic", bool)
     curve = Curve(kind, logarithmic, **sheet.floats("g_open_s force_on_n"), **sheet.pieces())
     if curve.kind not in KINDS:
@@ -329,9 +327,7 @@ def load(path: Path | str) -> Calibration:
             modes=tuple(
                 Mode(t.inner("network").network(cols), t.numbers("factor_part", taxels)) for t in each("mode")
             ),
-            offset_v2=_Table(path, "uncertainty", data.get("uncertainty", unknown)).numbers(
-                "offset_v2", (3, cols)
-            ),
+            offset_v2=_Table(path, "uncertainty", known).numbers("offset_v2", (3, cols)),
             notes=tuple(data.get("notes", ())),
             **{name: chip.value(name, bool) for name in ("falling", "divider")},
             **{name: chip.numbers(name, (cols,), positive=name == "step_a") for name in _PER_COLUMN},

@@ -254,10 +254,6 @@ def _solve_frames(currents, most, network, out, error, residual, converged):
             radius = moved / (1.0 - factor)
             if contraction(g, total, u, taken, network, through, radius) < 1.0:
                 error[n] = radius
-        for r in range(rows):
-            for c in range(cols):
-                if g[r, c] > SHORT_S:
-                    out[n, r, c] = np.inf
 
 
 def solve(
@@ -358,6 +354,7 @@ def _lumped(network: Network, currents: Floats, most: Floats, slow: bool) -> Sol
     out, (error, residual) = np.empty_like(currents), np.empty((2, len(currents)))
     converged = np.empty(len(currents), dtype=np.bool_)
     _solve_frames(currents, most, arguments(network), out, error, residual, converged)
+    out[out > SHORT_S] = np.inf
     # The matrix of a sheet of 64 x 64 has 130 MB.
     for n in np.flatnonzero(~converged & slow & (network.rows * network.cols <= 4096)):
         found, off = _newton(network, currents[n], most[n] if most.size else np.full(out.shape[1:], np.inf))

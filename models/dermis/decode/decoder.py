@@ -413,10 +413,8 @@ def _decode_frames(k, codes, missing, dt_s, modes, solved, solved_off, memory, r
             k, codes[n], g, down, up, spread, offset_a, flags, warmth, force, low, high, near_low, near_high
         )
         if k.radius.size > 0 or k.per_decade != 0.0:
-            for least_or_most in range(2 if k.per_decade != 0.0 and not fresh else 0):
-                gained = advance_creep(
-                    creep[least_or_most], loaded[least_or_most], rate, rate_weight, dt_s[n]
-                )
+            for end in range(2 if k.per_decade != 0.0 and not fresh else 0):  # the least and the most
+                gained = advance_creep(creep[end], loaded[end], rate, rate_weight, dt_s[n])
             for r in range(rows if missing.size else 0):
                 for c in range(cols):
                     if missing[n, r, c]:

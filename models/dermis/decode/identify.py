@@ -177,8 +177,10 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     if bad or fit.calibration.own or forces.size > LEVELS:  # else it is this fit once more
         # Now that the wrong loads are out, neighbouring forces tell the droop of a load from its force.
         fit, _ = _fit_loads(calibration, good, kind, own, LEVELS)
-    remarks = dict.fromkeys(NETWORK_START, PLATES) if _mostly_plates(good) else {}
-    remarks = {name: remark for name, remark in remarks.items() if name in fit.values} | fit.remarks
+    # Under a plate neighbouring taxels read nearly the same, and so do their roundings, which the uncertainties take
+    # for independent of each other.
+    plates = sum(np.nanmin(load.force_n) == np.nanmax(load.force_n) for load in good)
+    remarks = {n: PLATES for n in NETWORK_START if n in fit.values and plates > len(good) / 2} | fit.remarks
     notes = [f"load {name} was left out: it contradicts the others" for name in bad]
     notes += [f"{name}: {remark}" for name, remark in remarks.items()]
     notes += [f"taxel {r} {c} {reason}" for (r, c), reason in bad_taxels.items()]
@@ -190,16 +192,6 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     return dataclasses.replace(
         fit, calibration=made, remarks=remarks, bad=tuple(bad), bad_taxels=bad_taxels, elsewhere=elsewhere
     )
-
-
-def _mostly_plates(loads: list[Load]) -> bool:
-    """Return True if most loads press all taxels alike.
-
-    Neighbouring taxels then read nearly the same, and so do their roundings, which the uncertainties take for
-    independent of each other.
-    """
-    plates = sum(np.nanmin(load.force_n) == np.nanmax(load.force_n) for load in loads)
-    return plates > len(loads) / 2
 
 
 def _elsewhere(made: Calibration, loads: list[Load], bad_taxels: Iterable[tuple[int, int]]) -> Iterator[str]:
@@ -242,20 +234,6 @@ def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, 
     return said | {(int(r), int(c)): "reads full scale without a load" for r, c in np.argwhere(stuck)}
 
 
-@dataclass(frozen=True)
-class _NetworkFit:
-    """A fitted network, values with standard uncertainties, remarks on values that the loads do not tell.
-
-    `modes` are independent errors of one standard uncertainty; `offset_v2` is that of `Calibration`.
-    """
-
-    network: Network
-    values: dict[str, tuple[float, float]]
-    remarks: dict[str, str]
-    modes: list[dict[str, Any]]
-    offset_v2: Floats
-
-
 def _conductances(calibration: Calibration, network: Network, currents: Floats) -> Floats:
     """Return the conductances [frames, rows, cols] of currents in a network; dividers may need the slow solve."""
     return crosstalk.solve(network, currents, None, calibration.divider).conductance_s
@@ -263,8 +241,12 @@ def _conductances(calibration: Calibration, network: Network, currents: Floats) 
 
 def _fit_network(
     calibration: Calibration, currents: Floats, residual_of: Callable[[Floats], Floats], freedom: int
-) -> _NetworkFit:
-    """Fit the network to currents [loads, rows, cols]; `residual_of` rates conductances, in codes."""
+) -> tuple[Network, dict[str, tuple[float, float]], dict[str, str], list[dict[str, Any]], Floats]:
+    """Fit the network to currents [loads, rows, cols]; `residual_of` rates conductances, in codes.
+
+    Returns the network, values with standard uncertainties, remarks on values that the loads do not tell, independent
+    errors of one standard uncertainty, and `Calibration.offset_v2`.
+    """
     known = calibration.array()
     cols = calibration.cols
 
@@ -361,7 +343,7 @@ def _fit_network(
     band = np.zeros((3, cols))
     for k in range(min(3, len(left))):
         band[k, : cols - k] = np.diag(left, k)
-    return _NetworkFit(dataclasses.replace(known, **fields(names, x)), values, remarks, modes, band)
+    return dataclasses.replace(known, **fields(names, x)), values, remarks, modes, band
 
 
 def _fit_loads(
@@ -405,7 +387,8 @@ def _fit_loads(
         r = weight * logs(g)
         return r - basis @ (basis.T @ r)
 
-    fitted = _fit_network(calibration, currents, residual, int(used.sum()) - basis.shape[1])
+    freedom = int(used.sum()) - basis.shape[1]
+    network, values, remarks, off_networks, offset_v2 = _fit_network(calibration, currents, residual, freedom)
 
     def taxels(network: Network) -> tuple[Floats, Floats, Floats]:
         """Return conductances, effects of taxels and factors [rows x cols] with a network."""
@@ -415,15 +398,15 @@ def _fit_loads(
         factor[names] = np.exp(solution[: names.size] - solution[: names.size].mean())
         return g, solution[: names.size], factor
 
-    g, effect, factor = taxels(fitted.network)
+    g, effect, factor = taxels(network)
     modes = []
-    for mode in fitted.modes:
+    for mode in off_networks:
         for _ in range(HALVINGS):
-            g_off, _, factor_off = taxels(dataclasses.replace(fitted.network, **mode))
+            g_off, _, factor_off = taxels(dataclasses.replace(network, **mode))
             if (np.clip(g_off[used], *CONDUCTANCES_S) == g_off[used]).all():
                 break
             # So far from the fit no taxel would read what it reads: the network is nearer.
-            mode = {name: 0.5 * (off + getattr(fitted.network, name)) for name, off in mode.items()}
+            mode = {name: 0.5 * (off + getattr(network, name)) for name, off in mode.items()}
         # The forces are the same, so the law keeps its level.
         level = np.exp(np.mean(logs(g_off) - np.log(factor_off[taxel]) - logs(g) + np.log(factor[taxel])))
         modes.append(Mode(mode, (factor_off * level / factor - 1).reshape(codes[0].shape)))
@@ -457,16 +440,16 @@ def _fit_loads(
     found = (*NETWORK_START, "r_row_grounded_ohm", "v_column_offset_v")
     made = dataclasses.replace(
         calibration,
-        network=calibration.network | {n: getattr(fitted.network, n) for n in found},
+        network=calibration.network | {n: getattr(network, n) for n in found},
         modes=tuple(modes),
-        offset_v2=fitted.offset_v2,
+        offset_v2=offset_v2,
         factor=factor.reshape(codes[0].shape),
         factor_part=part.reshape(codes[0].shape),
         curve=curve,
         own={divmod(t, calibration.cols): c for t, c in own.items()},
         law_part=law_part,
     )
-    return SheetFit(made, fitted.values, fitted.remarks, ()), by_load
+    return SheetFit(made, values, remarks, ()), by_load
 
 
 def _weight(calibration: Calibration, codes: Floats) -> Floats:

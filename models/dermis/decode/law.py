@@ -164,8 +164,7 @@ def fit(kind: str, conductance_s: ArrayLike, force_n: ArrayLike) -> Curve:
 
 
 def _table(g: Floats, force: Floats) -> Curve:
-    order = np.argsort(g)
-    groups = np.array_split(order, min(POINTS, g.size))
+    groups = np.array_split(np.argsort(g), min(POINTS, g.size))
     knots, means = np.array([(np.log(g[group]).mean(), np.log(force[group]).mean()) for group in groups]).T
     values = isotonic_regression(means).x
     if np.abs(np.exp(means) - np.exp(values)).max() > CONTRADICTION * np.exp(values.max()):

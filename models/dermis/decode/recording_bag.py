@@ -168,8 +168,7 @@ def write(directory: Path, topics: Mapping[str, NDArray], time_s: NDArray, stora
     store = types.get_typestore(types.Stores.ROS2_HUMBLE)
     kinds, kind = store.types, "std_msgs/msg/Float64MultiArray"
     dimension = kinds["std_msgs/msg/MultiArrayDimension"]
-    plugin = rosbag2.StoragePlugin[storage.upper()]
-    with rosbag2.Writer(directory, version=9, storage_plugin=plugin) as bag:
+    with rosbag2.Writer(directory, version=9, storage_plugin=rosbag2.StoragePlugin[storage.upper()]) as bag:
         connections = {topic: bag.add_connection(topic, kind, typestore=store) for topic in topics}
         for n, moment in enumerate(np.round(np.asarray(time_s) * 1e9).astype(np.int64).tolist()):
             for topic, frames in topics.items():

@@ -8,22 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dermis.decode.recording_text import (
-    CLOCK,
-    KNOWN,
-    LABEL,
-    NUMBER,
-    STAMP,
-    Found,
-    Layout,
-    Table,
-    bounded,
-    decimal,
-    decoded,
-    is_number,
-    seconds_of,
-    warn,
-)
+from dermis.decode import recording_text as tables
+from dermis.decode.recording_text import NUMBER, Found, Layout, Table, warn
 from dermis.errors import InputError, one_line, quoted
 
 _MM = {
@@ -40,12 +26,12 @@ _MARGIN = 0.02
 
 def read(path: Path, data: bytes, layout: Layout) -> Found:
     """Read a text of any kind; InputError where it leaves a question open."""
-    said = decoded(path, data)
+    said = tables.decoded(path, data)
     lines = said.splitlines()
     if re.match(r"\s*(\{|\[\s*\{)", said):
-        raise InputError(path, "file", "JSON", f"a table with a line for a frame, as csv; {KNOWN}")
+        raise InputError(path, "file", "JSON", f"a table with a line for a frame, as csv; {tables.KNOWN}")
     head = [line.strip(' ",;\t').lower() for line in lines[:4000]]
-    if any(h.startswith("rows") for h in head) and any(LABEL.match(h) for h in head):
+    if any(h.startswith("rows") for h in head) and any(tables.LABEL.match(h) for h in head):
         return _sheets(path, lines, layout)
     if any(_PICTURE.match(line) for line in lines):
         return _emed(path, lines, layout)
@@ -68,15 +54,15 @@ def _sheets(path: Path, lines: list[str], layout: Layout) -> Found:
     )  # fmt: skip
     for n, raw in enumerate(lines):
         line = raw.strip(' \t",;')
-        if label := LABEL.match(line):
-            stamp = STAMP.search(label[2])
+        if label := tables.LABEL.match(line):
+            stamp = tables.STAMP.search(label[2])
             kept[n], at, part = f"#frame:{label[1]}" + (f"({stamp[0]})" if stamp else ""), n, ""
         elif match := known.match(line):
             said.setdefault(match[1].lower().replace("columns", "cols"), match[2])
         elif at is not None and line.lower().startswith(("sensor", "group")):
             part = None if line.lower().startswith("group") else line[7:].strip(" ,;\t")
-        elif at is not None and line.lower().startswith("time") and (clock := CLOCK.search(line)):
-            kept[at] += f"({seconds_of(clock[0])!r}s)"
+        elif at is not None and line.lower().startswith("time") and (clock := tables.CLOCK.search(line)):
+            kept[at] += f"({tables.seconds_of(clock[0])!r}s)"
         elif None not in (at, part) and _ROW.match(line):
             parts.setdefault(part, []).append(n)
     try:
@@ -95,7 +81,7 @@ def _sheets(path: Path, lines: list[str], layout: Layout) -> Found:
     found.ignored = [f"sensor {part}" for part in parts if part != chosen]
     step = re.match(NUMBER, said.get("seconds_per_frame", ""))
     if step and found.time is None and found.number is not None:
-        found.time, found.time_from = found.number * decimal(step[0]), "seconds_per_frame"
+        found.time, found.time_from = found.number * tables.decimal(step[0]), "seconds_per_frame"
         found.time_unit = "s"
     found.area_mm2 = _area(said)
     found.scale(said.get("units", ""))
@@ -118,7 +104,7 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
         elif inside and not columns:
             columns = cells if all(re.fullmatch(r"[0-9]{1,5}|Force", c) for c in cells) else []
         elif inside and cells and re.fullmatch(r"[0-9]{1,5}", cells[0]):
-            if len(cells) != len(columns) + 1 or not all(map(is_number, cells)):
+            if len(cells) != len(columns) + 1 or not all(map(tables.is_number, cells)):
                 said = f"a row and {len(columns)} values"
                 raise InputError(path, f"line {number}", one_line(line, 40), said)
             row, *values = map(float, cells)
@@ -138,7 +124,7 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
         low, (rows, cols) = np.array([1, 1]), (layout.rows or high[0], layout.cols or high[1])
         if (high > (rows, cols)).any():
             raise InputError(path, "--rows, --cols", f"{rows}, {cols}", f"at least {high[0]} and {high[1]}")
-    bounded(path, len(numbers) * rows * cols)
+    tables.bounded(path, len(numbers) * rows * cols)
     # A picture shows the part that is pressed.
     frames = np.zeros((len(numbers), rows, cols))
     frames[picture, place[0] - low[0], place[1] - low[1]] = [entry[3] for entry in entries]
@@ -147,10 +133,10 @@ def _emed(path: Path, lines: list[str], layout: Layout) -> Found:
     found.ignored = ["Force"]
     head = " ".join(lines[: next(n for n, line in enumerate(lines) if _PICTURE.match(line))])
     if step := re.search(rf"Time(?:/| per )picture:?\s*{NUMBER}\s*(m?s)", head):
-        found.time, found.time_from = found.number * decimal(step[1]), "time per picture"
+        found.time, found.time_from = found.number * tables.decimal(step[1]), "time per picture"
         found.time_unit = step[2]
     if size := re.search(rf"Sensor size\D*{NUMBER}\s*(?:mm|cm)?\s*[x*]\s*{NUMBER}\s*(mm|cm)", head):
-        found.area_mm2 = math.prod(decimal(side) * _MM[size[3]] for side in size.groups()[:2])
+        found.area_mm2 = math.prod(tables.decimal(side) * _MM[size[3]] for side in size.groups()[:2])
         # The margins have newtons, so they tell the unit of the values.
         known = [force / total for total, force in sums if force > 1]
         unit_n = np.median(known) / found.area_mm2 if known else 0.0
@@ -167,7 +153,7 @@ def _area(said: dict[str, str]) -> float | None:
         text = said.get(key, "").lower()
         number, unit = re.search(NUMBER, text), re.search(r"[a-z]+", re.sub(NUMBER, "", text))
         if number and unit and unit[0] in _MM:
-            found[key] = decimal(number[0]), _MM[unit[0]]
+            found[key] = tables.decimal(number[0]), _MM[unit[0]]
     if "sensel_area" in found:
         return found["sensel_area"][0] * found["sensel_area"][1] ** 2
     return math.prod(side * mm for side, mm in [*found.values()][:2]) if len(found) >= 2 else None
