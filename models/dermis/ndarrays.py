@@ -15,3 +15,9 @@ def unmasked(values: ArrayLike, name: str) -> NDArray[Any]:
     if np.ma.is_masked(values):
         raise ValueError(f"{name} has masked values: fill them, or leave these frames out")
     return np.asarray(values)
+
+
+def place_of(which: Bools) -> str:
+    """Return the first place of [frames, rows, cols] that is True, in words."""
+    n, r, c = np.argwhere(which)[0]
+    return f"frame {n}, row {r}, column {c}"

@@ -341,9 +341,8 @@ def load(path: Path | str) -> Calibration:
         raise InputError(path, "network", "its values", str(error)) from None
     taxel_s = np.linspace(0.0, made.g_full_s(), 100)
     if not all(law.force_n(taxel_s).max() > 0.0 for law in (curve, *made.own.values())):
-        raise InputError(
-            path, "sheet", "no force at any conductance", "the law that `dermis calibrate` wrote"
-        )
+        allowed = "the law that `dermis calibrate` wrote"
+        raise InputError(path, "sheet", "no force at any conductance", allowed)
     return made
 
 

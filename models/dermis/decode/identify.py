@@ -189,9 +189,7 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     read = np.array([np.median(load.codes, axis=0).ravel() for load in good])
     made = _turn_on(made, read, np.nan_to_num([load.force_n.ravel() for load in good]))
     elsewhere = tuple(_elsewhere(made, good, bad_taxels))
-    return dataclasses.replace(
-        fit, calibration=made, remarks=remarks, bad=tuple(bad), bad_taxels=bad_taxels, elsewhere=elsewhere
-    )
+    return SheetFit(made, fit.values, remarks, tuple(bad), bad_taxels, elsewhere)
 
 
 def _elsewhere(made: Calibration, loads: list[Load], bad_taxels: Iterable[tuple[int, int]]) -> Iterator[str]:
@@ -267,8 +265,7 @@ def _fit_network(
 
         def residual(x: Floats) -> Floats:
             network = dataclasses.replace(known, **fields(names, x))
-            solved = _conductances(calibration, network, currents)
-            return np.r_[residual_of(solved), (x - 1) / prior]
+            return np.r_[residual_of(_conductances(calibration, network, currents)), (x - 1) / prior]
 
         # x - 1 is relative to the start value, so that a step of differences is never 0.
         low = np.where(np.arange(first.size) < len(names), 1.0, -199.0)
@@ -337,8 +334,7 @@ def _fit_network(
         if v > 1e-12 * max(variance.max(), 1e-300):
             # The sign that moves the largest part upwards: resistances are not negative.
             d = d * np.sign(d[np.abs(d).argmax()]) * np.sqrt(v)
-            moved = np.r_[np.maximum(x[:size] + d, 1.0), x[size:] + given @ d]
-            modes.append(fields(names, moved))
+            modes.append(fields(names, np.r_[np.maximum(x[:size] + d, 1.0), x[size:] + given @ d]))
     left = (covariance[size:, size:] - given @ mixed.T) * OFFSET_PRIOR_V**2
     band = np.zeros((3, cols))
     for k in range(min(3, len(left))):
@@ -433,10 +429,8 @@ def _fit_loads(
     # An upper bound: the fit takes more from the scatter without a law than from that with it.
     law_part = float(np.sqrt(max(np.mean(misfit**2) - np.mean(off**2), 0.0)))
     # A wrong force of a whole load is a level of its own, which the law does not meet.
-    by_load = {
-        loads[n].name: float(np.sqrt(np.mean(off[which == n] ** 2 + misfit[which == n] ** 2)))
-        for n in np.unique(which)
-    }
+    square = off**2 + misfit**2
+    by_load = {loads[n].name: float(np.sqrt(np.mean(square[which == n]))) for n in np.unique(which)}
     found = (*NETWORK_START, "r_row_grounded_ohm", "v_column_offset_v")
     made = dataclasses.replace(
         calibration,
@@ -458,8 +452,7 @@ def _weight(calibration: Calibration, codes: Floats) -> Floats:
     A divider's resistor takes voltage from the taxel: a count at u of the bias is 1 / (1 - u) times as much.
     """
     lost_v = calibration.divider * codes * calibration.step_a * calibration.array().r_column_ohm
-    u = lost_v / calibration.v_bias_v
-    return codes * np.sqrt(12) * np.maximum(1.0 - u, 1e-3)
+    return codes * np.sqrt(12) * np.maximum(1.0 - lost_v / calibration.v_bias_v, 1e-3)
 
 
 def _robust_law(kind: str, g: Floats, force_n: Floats, which: NDArray[np.integer]) -> law.Curve:

@@ -52,15 +52,12 @@ class Curve:
         object.__setattr__(self, "knots", knots)
         object.__setattr__(self, "coefficients", argument(self.coefficients, "coefficients", (knots.size, 4)))
 
-    def arguments(self) -> tuple:
-        """Return the arguments of `force_of` after the conductance."""
-        return self.logarithmic, self.knots, self.coefficients, self.g_open_s, self.force_on_n
-
     def force_n(self, conductance_s: ArrayLike) -> Floats:
         """Force in newtons of conductances in siemens, any shape."""
         g = np.array(conductance_s, dtype=float, order="C")
         out = np.empty(g.size)
-        _forces(g.ravel(), out, *self.arguments())
+        law = self.logarithmic, self.knots, self.coefficients, self.g_open_s, self.force_on_n
+        _forces(g.ravel(), out, *law)
         out[np.isnan(g.ravel())] = np.nan
         return out.reshape(g.shape)
 

@@ -288,8 +288,7 @@ class SheetMemory:
         state, law = self.arrays()[:7], (self.law.radius, self.law.weight, self.law.creep_per_decade)
         near = low_s.copy(), high_s.copy()
         undo_frame(ends, near, state, self._frame, dt_s, gained, self._fresh, self._g_open_s, law)
-        self._fresh = False
-        self._frame += 1
+        self.passed(1)
 
     def arrays(self) -> tuple:
         """Return the state and the creep kernel for a compiled loop over frames; `passed` follows it."""

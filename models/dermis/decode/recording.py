@@ -19,7 +19,7 @@ from dermis.decode import recording_bag, recording_maker, recording_parquet
 from dermis.decode import recording_text as text
 from dermis.decode.recording_text import TIME_UNITS, Found, Layout, warn
 from dermis.errors import InputError, counted, one_line, optional
-from dermis.ndarrays import Bools, Floats
+from dermis.ndarrays import Bools, Floats, place_of
 from dermis.scene.schema import read_bytes
 from dermis.scene.stimulus import FILE_BYTES_MAX, VALUES_MAX, npy_array, npz_member
 
@@ -148,12 +148,6 @@ def _unpacked(path: Path, data: bytes) -> bytes:
     return unpacked
 
 
-def place_of(which: Bools) -> str:
-    """Return the first place of [frames, rows, cols] that is True, in words."""
-    n, r, c = np.argwhere(which)[0]
-    return f"frame {n}, row {r}, column {c}"
-
-
 def held(frames: Floats) -> Floats:
     """Return frames [frames, rows, cols] with the value before, if there is one, in place of a missing one."""
     last = np.where(np.isnan(frames), 0, np.arange(len(frames))[:, None, None])
@@ -193,18 +187,11 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
             file = optional("h5py", "recordings").File(io.BytesIO(data), "r")
             file.visititems(lambda n, item: sets.update({n: item}) if hasattr(item, "dtype") else None)
         values, time, name = _chosen(path, sets, layout)
-        parts = [
-            n
-            for n, i in sets.items()
-            if name and n != name and text.is_part_of(n, name) and i.size == time.size
-        ]
-        if parts and layout.time_key is None:
-            raise InputError(
-                path,
-                "time",
-                f"{name} and {parts[0]}",
-                f"--time-key {name}, without parts of a second, or --rate",
-            )
+        as_many = [n for n, i in sets.items() if name and n != name and i.size == time.size]
+        part = next((n for n in as_many if text.is_part_of(n, name)), None)
+        if part is not None and layout.time_key is None:
+            allowed = f"--time-key {name}, without parts of a second, or --rate"
+            raise InputError(path, "time", f"{name} and {part}", allowed)
         time_unit, unit = _unit_of(time), _unit_of(values) or _unit_set(sets)
         left = [n for n, item in sets.items() if item is not values and n != name]
         values, time = _physical(values), None if time is None else _physical(time)
@@ -221,9 +208,8 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
     if name is not None:
         named, stated = text.time_unit_of(name), text.time_unit_of(time_unit)
         if named and stated and named != stated and layout.time_unit is None and layout.rate_hz is None:
-            raise InputError(
-                path, name, f"in {stated}", f"--time-unit {named} or {stated}: its name says {named}"
-            )
+            allowed = f"--time-unit {named} or {stated}: its name says {named}"
+            raise InputError(path, name, f"in {stated}", allowed)
         found.time_unit, found.time_from = named or stated, name
     if unit and not found.scale(unit):
         warn(path, f"{unit} is no unit that is known: values are taken as they are")
@@ -480,9 +466,8 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
         step = np.diff(time)
     if not (np.isfinite(step).all() and (step >= 0).all() and time[-1] > time[0]):
         at = int(np.argmin(np.where(np.isfinite(step), step, -np.inf)))
-        allowed = (
-            f"later than the frame before, at {time[at]:.9g}; or --time-key of another column, or --rate"
-        )
+        allowed = f"later than the frame before, at {time[at]:.9g}; "
+        allowed += "or --time-key of another column, or --rate"
         raise InputError(path, f"time of frame {at + 1}", float(time[at + 1]), allowed)
     if (same := int((step == 0).sum())) and same < frames - 1:
         first = int(np.argmax(step == 0)) + 1

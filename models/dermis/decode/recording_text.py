@@ -371,8 +371,7 @@ class Table:
                 warn(self.path, f"another table begins at line {n}, and is left out: {one_line(line, 40)}")
                 break
             # MVP and MPP of novel are the mean and the largest of each column.
-            apart = label or _is_comment(line, "MVP", "MPP") or line in self.head
-            if n in known and not apart:
+            if n in known and not (label or _is_comment(line, "MVP", "MPP") or line in self.head):
                 kept.append((n, line))
                 block.append(number)
                 continue
@@ -468,10 +467,8 @@ class Table:
         placed = self._by_names if self.names else self._unnamed
         order, columns, shape, by_line = placed(chosen, keys)
         lower = [] if by_line else [name.lower() for name in self.names]
-        row_key, frame_key = (
-            next((lower.index(w) for w in words if w in lower), None)
-            for words in (("row", "r"), ("frame", "frame_id", "sample"))
-        )
+        words = ("row", "r"), ("frame", "frame_id", "sample")
+        row_key, frame_key = (next((lower.index(w) for w in said if w in lower), None) for said in words)
         extra = [k for k in (row_key, frame_key) if k is not None]
         bounded(self.path, self.count * len(columns))
         table, moments = self._parsed([*extra, *(c for c in columns if c is not None)], keys)
@@ -559,9 +556,8 @@ class Table:
             cells = [row[k] for row in self.sample]
             if not (chosen and k in chosen) and all(is_number(c) and number_of(c) > 1e9 for c in cells):
                 pairs = [row[k : k + 2] for row in self.sample]
-                whole = k + 1 < min(4, self.width) and all(
-                    re.fullmatch(r"\d+", c) for pair in pairs for c in pair
-                )
+                whole = all(re.fullmatch(r"\d+", c) for pair in pairs for c in pair)
+                whole = whole and k + 1 < min(4, self.width)
                 fine = whole and len(cells[0]) == 10 and 1e6 < max(int(part) for _, part in pairs) < 10**9
                 return [k, k + 1] if fine else [k]
         return []
@@ -621,9 +617,8 @@ class Table:
             return "row by row, as in the file", chosen, None, True
         if len(parts) != 1:
             listed = ", ".join(f"{len(g)} of {self.names[g[0]]}" for g in parts[:6]) or "no taxels by number"
-            raise self._unclear(
-                listed, "--part N for one of several arrays; a line with one value is not read"
-            )
+            allowed = "--part N for one of several arrays; a line with one value is not read"
+            raise self._unclear(listed, allowed)
         columns, first = parts[0], self.names[parts[0][0]]
         texts = _template(first)[0].split("#")
         numbers = np.array([[min(n, PLACES_MAX) for n in _template(self.names[k])[1]] for k in columns])

@@ -140,15 +140,12 @@ class Workers(Executor):
         while not wait([doing], max(0.0, min(LOOK_S, until - time.monotonic()))).done:
             if time.monotonic() >= until:
                 raise LimitReached("a call took longer than its limit", left=self._drop(worker))
-            if timeout.over(_used(worker)):
+            # Processor time of the worker and its descendants, in ticks.
+            used = sum(sum(map(int, watchdog.status(pid)[11:15])) for pid, _ in worker.processes())
+            if timeout.over(used):
                 said = f"a worker process used no processor for {STALL_S:g} s and was ended"
                 raise WorkerLost(said, left=self._drop(worker))
         return doing.result()
-
-
-def _used(worker: Child) -> int:
-    """Return the processor time of a worker and its descendants, in ticks."""
-    return sum(sum(map(int, watchdog.status(pid)[11:15])) for pid, _ in worker.processes())
 
 
 def _send(pipe: IO[bytes], data: bytes) -> None:

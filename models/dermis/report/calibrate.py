@@ -93,9 +93,8 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     for key, measured in (("current", table.current), ("load", table.load), ("cycle", table.cycle)):
         files = [one.file for one in measured]
         if again := next((n for n, file in enumerate(files) if file in files[:n]), None):
-            raise InputError(
-                path, f"{key}.{again}.file", files[again], "another file: a measurement counts once"
-            )
+            allowed = "another file: a measurement counts once"
+            raise InputError(path, f"{key}.{again}.file", files[again], allowed)
     scene = table.start.scene
     if scene is not None and (path.parent / scene).is_file():
         scene = str(path.parent / scene)
@@ -189,9 +188,8 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             remark = f"conductance at {force:.3g} N over that of the scene: "
             remark += "units, a weight for each taxel, or another [sensor] than "
             remark += "its own?" if stated else "the default? [start] scene has that of the sheet"
-            said.append(
-                verdict.within("calibrate.sensitivity_ratio", ratio, "1", *SENSITIVITY[stated], remark)
-            )
+            low, high = SENSITIVITY[stated]
+            said.append(verdict.within("calibrate.sensitivity_ratio", ratio, "1", low, high, remark))
             own = [f"{r} {c}" for r, c in made.own]
             note("own_laws", len(own), "taxels", ", ".join(own[:8]) + (" ..." if len(own) > 8 else ""))
             odd = "; ".join(f"{r} {c} {reason}" for (r, c), reason in list(fit.bad_taxels.items())[:8])

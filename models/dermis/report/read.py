@@ -22,7 +22,7 @@ from dermis.decode.decoder import SATURATED, UNSOLVED, ZERO, Forces
 from dermis.decode.recording import Recording
 from dermis.errors import InputError, counted, one_line, optional
 from dermis.files import write_atomic
-from dermis.ndarrays import Bools, Floats
+from dermis.ndarrays import Bools, Floats, place_of
 from dermis.places import BUILD
 from dermis.records import Plan
 from dermis.report import output, verdict
@@ -160,7 +160,7 @@ def decode_frames(skin: Skin, rec: Recording, path: str) -> tuple[Codes, Forces,
     good = missing | ((values >= 0) & (values <= most) & (values == np.floor(values)))
     if not good.all():
         allowed = f"a code, a whole number 0..{most}; --through-chip sends scaled values through a chip"
-        raise InputError(path, recording.place_of(~good), float(values[~good][0]), allowed)
+        raise InputError(path, place_of(~good), float(values[~good][0]), allowed)
     codes = _filled(values).astype(code_type(most))
     found = _decoded(skin, rec, codes, missing, np.diff(rec.time_s, prepend=rec.time_s[0]))
     present = rec.present & ~missing
@@ -297,9 +297,8 @@ def _axes_of(_: click.Context, __: click.Parameter, said: str | None) -> tuple[s
     try:
         return None if said is None else recording.parse_axes(said)
     except ValueError:
-        allowed = (
-            "frames,rows,cols in any order, or frames,taxels, with numbers for axes of which a part is taken"
-        )
+        allowed = "frames,rows,cols in any order, or frames,taxels, "
+        allowed += "with numbers for axes of which a part is taken"
         raise InputError("command line", "--axes", said, allowed) from None
 
 
@@ -419,9 +418,9 @@ def read_command(
         # Times of a file have six digits; a frame that is shorter by less is the same.
         if own_chip and not decodes and frames > 1 and rec.t_frame_s < frame_s * (1 - 1e-6):
             allowed = (
-                f"at most {1 / frame_s:.4g} frames a second: the chip reads {rows} rows in {frame_s:g} s; a scene "
-                "with [front_end] has no such limit"
+                f"at most {1 / frame_s:.4g} frames a second: the chip reads {rows} rows in {frame_s:g} s; "
             )
+            allowed += "a scene with [front_end] has no such limit"
             speed = f"{1 / rec.t_frame_s:.6g}" if rec.t_frame_s else "no time between frames"
             raise InputError(file, "rate", speed, allowed)
         own = None if known is None else calibration.load(known)
@@ -493,9 +492,8 @@ def write(
     bag: str | None,
 ) -> None:
     """Write codes and forces with time (csv, npy, HDF5 and a ROS 2 bag if asked for) and, last, summary.json."""
-    frames, *size = codes.shape
-    summary = said | dict(zip(("frames", "rows", "cols"), (frames, *size), strict=True))
-    summary |= {"taxels": int(rec.present.sum()), "t_frame_s": rec.t_frame_s if frames > 1 else None}
+    summary = said | dict(zip(("frames", "rows", "cols"), codes.shape, strict=True))
+    summary |= {"taxels": int(rec.present.sum()), "t_frame_s": rec.t_frame_s if len(codes) > 1 else None}
     summary |= {"time_from": rec.time_from, "verdicts": rows}
     missing = np.isnan(rec.values)
     # A code that is missing in the file is missing in the results.

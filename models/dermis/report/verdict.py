@@ -134,10 +134,6 @@ def write_rows(target: str, rows: Sequence[Row]) -> None:
     WRITTEN.append((target, list(rows)))
 
 
-def _said(value: Any) -> str:
-    return "" if value is None else f"{value:.6g}"
-
-
 def console() -> Console:
     """Return a console as wide as the terminal, or of a fixed width elsewhere."""
     found = Console(highlight=False)
@@ -160,9 +156,8 @@ def print_table(
     table = Table(title=named, box=box.SIMPLE_HEAD, title_justify="left")
     for heading in heads:
         number = heading in numbers
-        table.add_column(
-            Text(heading), justify="right" if number else "left", overflow="fold", no_wrap=number
-        )
+        side = "right" if number else "left"
+        table.add_column(Text(heading), justify=side, overflow="fold", no_wrap=number)
     for row in rows:
         table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
     screen = console()
@@ -176,7 +171,8 @@ def print_rows(rows: Sequence[Row], title: str = "") -> None:
     lines = []
     for row in rows:
         status = Text(row["status"], style=COLOURS[row["status"]])
-        lines.append((row["name"], *(_said(row[key]) for key in numbers), row["unit"], status, row["note"]))
+        values = ("" if row[key] is None else f"{row[key]:.6g}" for key in numbers)
+        lines.append((row["name"], *values, row["unit"], status, row["note"]))
     screen = print_table(title, ("name", *numbers, "unit", "status", "note"), lines, numbers)
     counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in COLOURS)
     missed = len(aims_missed(rows))

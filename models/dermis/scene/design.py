@@ -467,8 +467,7 @@ def load_spec(path: str | Path) -> dict[str, Limit]:
     limits: dict[str, Limit] = {}
     for name, entry in schema.read_toml(Path(path), file).items():
         if not re.fullmatch(r"[a-z0-9_]+(\.[a-z0-9_]+)+", name):
-            allowed = 'a quoted table name such as ["frame.code_error_lsb"]'
-            raise InputError(file, "name", repr(name), allowed)
+            raise InputError(file, "name", repr(name), 'a quoted table name such as ["frame.code_error_lsb"]')
         limit: Limit = validate(Limit, entry, file, name)
         if limit.min is None and limit.max is None:
             raise InputError(file, f"{name}.min, max", "nothing", "at least one of them")

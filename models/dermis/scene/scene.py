@@ -17,7 +17,7 @@ from dermis.places import ROOT
 from dermis.scene import design as designs
 from dermis.scene import extracted, front_end, schema, sensor, stimulus, views
 from dermis.scene.design import Design, Topology
-from dermis.scene.front_end import FrontEndTable
+from dermis.scene.front_end import EFFECT_FIELDS, FrontEndTable
 from dermis.scene.schema import Strict, entry, read_toml
 from dermis.scene.sensor import SensorTable
 from dermis.scene.stimulus import StimulusTable
@@ -243,8 +243,7 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
     design = design or designs.load()
     array, interface, named = _filled(table.array, design), _filled(table.interface, design), table.effects
     board, cols = table.front_end, array.cols
-    wrong = _wrong(interface, cols, named.extracted is not None, design)
-    schema.refuse(wrong, interface, path, "interface.")
+    schema.refuse(_wrong(interface, cols, named.extracted is not None, design), interface, path, "interface.")
     if board is not None:
         said = "left out with [front_end], which reads the sheet instead of the chip"
         given = ((key, said) for key in sorted(table.interface.model_fields_set))
@@ -267,17 +266,13 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
     on = resolve_effects(named, Setting.of(resolved, design, _no_rng), path)
     packet_v = interface.i0_a / design.converter.f_clk_hz / interface.c_int_f
     check_together(on, interface.topology, packet_v, path)
-    chip = [name for name in on if _of_chip(name)] + ["auto"] * (named.auto is not None)
+    # Those that set a field that a board does not have.
+    chip = [n for n in on if (e := EFFECTS[n]).converter or e.drive or set(e.network) - EFFECT_FIELDS]
+    chip += ["auto"] * (named.auto is not None)
     if board is not None and chip:
         allowed = "off with [front_end]: its keys say what the board does; lateral, trace and sensor_* are the sheet's"
         raise InputError(path, f"effects.{chip[0]}", "on", allowed)
     return Scene(path, resolved, on, design)
-
-
-def _of_chip(name: str) -> bool:
-    """Return True if an effect sets a field that a board does not have."""
-    effect = EFFECTS[name]
-    return bool(effect.converter or effect.drive or set(effect.network) - front_end.EFFECT_FIELDS)
 
 
 def _no_rng(name: str) -> Any:

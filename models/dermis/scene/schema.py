@@ -154,17 +154,14 @@ def read_toml(path: Path, name: Path | str | None = None) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(file, "TOML", _line_of(error, text), f"valid TOML ({error})") from None
+        # An error at the end of the file has no number.
+        lines, number = text.splitlines() or [""], re.search(r"line (\d+)", str(error))
+        line = lines[min(int(number[1]), len(lines)) - 1 if number else -1]
+        raise InputError(file, "TOML", line, f"valid TOML ({error})") from None
     except RecursionError:
         raise InputError(file, "TOML", "nested too deeply", "valid TOML of a few levels") from None
     except (ValueError, OverflowError) as error:  # impossible dates, integers of thousands of digits
         raise InputError(file, "TOML", "a value out of range", f"valid TOML ({error})") from None
-
-
-def _line_of(error: tomllib.TOMLDecodeError, text: str) -> str:
-    """Return the line of an error, the last one where it has no number."""
-    lines, number = text.splitlines() or [""], re.search(r"line (\d+)", str(error))
-    return lines[min(int(number[1]), len(lines)) - 1 if number else -1]
 
 
 def validate(
@@ -275,13 +272,10 @@ def models_of(annotation: Any) -> list[type[BaseModel]]:
 
 def _alternative(annotation: Any, tag: Any) -> Any:
     """Return the members of a tagged union with `tag`."""
-    chosen = [
-        m
-        for m in models_of(annotation)
-        for f in m.model_fields.values()
-        if typing.get_origin(f.annotation) is typing.Literal and tag in typing.get_args(f.annotation)
-    ]
-    return chosen or annotation
+    fields = (
+        (m, typing.get_args(f.annotation)) for m in models_of(annotation) for f in m.model_fields.values()
+    )
+    return [m for m, words in fields if tag in words] or annotation  # only a Literal has words
 
 
 def write_toml(tables: dict[str, Any]) -> str:

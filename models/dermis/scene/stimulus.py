@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
 
 from dermis.errors import InputError, one_line, quoted
-from dermis.ndarrays import Floats
+from dermis.ndarrays import Floats, place_of
 from dermis.scene.schema import Strict, entry, filled, read_bytes
 from dermis.scene.sensor import Sensor
 
@@ -359,13 +359,11 @@ def make_frames(table: Any, about: Surroundings) -> Frames:
     if isinstance(table, UniformTable):
         return _uniform(table, about)
     values = read_frames(table, about)
-    if isinstance(table, ResistanceTable):
-        return _in_time(table, about, values, sensor.force_n(values))
-    if table.unit == "codes":
-        ohm = about.ohm_of_code(values)
-        if table.scale == 1:
-            return _in_time(table, about, ohm, sensor.force_n(ohm))
+    if isinstance(table, ResistanceTable) or table.unit == "codes":
+        ohm = values if isinstance(table, ResistanceTable) else about.ohm_of_code(values)
         values = sensor.force_n(ohm)
+        if isinstance(table, ResistanceTable) or table.scale == 1:
+            return _in_time(table, about, ohm, values)
     with np.errstate(over="ignore"):
         force = values * table.scale
     if not np.isfinite(force).all():
@@ -530,8 +528,7 @@ def _read_file(table: _Stored, about: Surroundings) -> Floats:
         raise about.wrong("key", quoted(table.key), "left out, except for an npz file")
     if suffix not in (".csv", ".npy", ".npz"):
         raise about.wrong("file", quoted(shown), "a file that ends in .csv, .npy or .npz")
-    told_by = (about.scene, f"{about.where}.file", shown)
-    data = read_bytes(about.scene.parent / shown, FILE_BYTES_MAX, told_by)
+    data = read_bytes(about.scene.parent / shown, FILE_BYTES_MAX, (about.scene, f"{about.where}.file", shown))
     if suffix == ".csv":
         return _read_csv(data, shown, about)
     return _read_numpy(data, shown, suffix, table, about)
@@ -549,18 +546,15 @@ def _selected(table: _Stored, frames: int, about: Surroundings) -> list[int] | s
 
 
 def _check_values(values: Floats, shown: str, table: _Stored, code_max: int) -> None:
-    codes = isinstance(table, FramesTable) and table.unit == "codes"
     if isinstance(table, ResistanceTable):
         good, allowed = values >= 0, "a resistance >= 0 in ohm (inf is legal)"
-    elif codes:
+    elif table.unit == "codes":
         good = (values >= 0) & (values <= code_max) & (np.floor(values) == values)
         allowed = f"a whole number 0..{code_max}"
     else:
         good, allowed = (values >= 0) & np.isfinite(values), "a finite force >= 0 in newtons"
     if not good.all():
-        frame, row, col = np.argwhere(~good)[0]
-        place = f"frame {frame}, row {row}, column {col}"
-        raise InputError(shown, place, float(values[frame, row, col]), allowed)
+        raise InputError(shown, place_of(~good), float(values[~good][0]), allowed)
 
 
 def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
