@@ -51,7 +51,8 @@ def column_error(changes: Changes, points: int, work: Path) -> tuple[float, str]
     ohm = np.geomspace(1.01 * design.sensor.r_min_ohm, design.sensor.r_max_ohm, points)
     row_s = np.array([1 / ohm, 1 / ohm + changes.get("other_row", 0) / design.sensor.r_min_ohm])
     v_row = design.interface.v_bias_v / (1 + design.row_driver.r_on_ohm * row_s)
-    alone, line = design.timing.gate_clocks * v_row / design.i0_direct_a / ohm
+    i0_a = design.derived()["converter.i0_direct_a"]
+    alone, line = design.timing.gate_clocks * v_row / i0_a / ohm
     gain = conversion(ohm[0], {**changes, "other_column": 0, "other_row": 0}, work)["packets"] / alone[0]
     found = (conversion(r, changes, work) for r in ohm)
     counts = np.array([(round(values["pulses"]), values["packets"]) for values in found]).T

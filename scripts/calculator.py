@@ -25,7 +25,7 @@ from dermis.errors import InputError
 from dermis.files import write_atomic
 from dermis.report import verdict
 from dermis.scene import design as design_module
-from dermis.scene.design import K_BOLTZMANN_J_PER_K, Design, exact, spec
+from dermis.scene.design import ABSOLUTE_ZERO_C, K_BOLTZMANN_J_PER_K, Design, exact, spec
 from dermis.scene.schema import entry, validate
 
 HALF = Fraction(1, 2)
@@ -462,7 +462,7 @@ def _judged(
     more_gain = {"gain_dc": _at_least(max(tau_min / float(source_ohm * c_int) - 1, 1.0))} if tau_min else None
     row("leak_plateau_lsb", plateau, f"R_leak C = {tau:.4g} s, at least {tau_min:.4g} s", more_gain)
 
-    kt = K_BOLTZMANN_J_PER_K * base.ambient.temperature_k
+    kt = K_BOLTZMANN_J_PER_K * (base.ambient.temperature_c - ABSOLUTE_ZERO_C)
     noise = math.sqrt(kt * float(c_int)) / packet
     c_quiet = (float(limit("kt_c_lsb")) * packet) ** 2 / kt / float(scale)
     quiet: Changes = {"c_int_f": _at_most(c_quiet), "packet_v": None}

@@ -21,7 +21,7 @@ def test_integrator_has_its_preset_its_slope_and_its_range(measure: Measure, des
     assert got["v_sum_again"] == pytest.approx(p.v_offset_v - out / p.gain_dc, abs=1e-9)
     # On a ramp the summing node is at offset + t_gbw |slope|, 9 mV, and feeds r_in. It moves by -d out / gain, so
     # the capacitor sees (1 + 1/gain) d out.
-    i_ramp = i - (p.v_offset_v + p.t_gbw_s * 2.5e6) / p.r_in_ohm
+    i_ramp = i - (p.v_offset_v + design.derived()["integrator.t_gbw_s"] * 2.5e6) / p.r_in_ohm
     slope = -i_ramp / design.converter.c_int_f / (1 + 1 / p.gain_dc)
     # A difference of two voltages to 1e-9 V over 1 V, and of two times to 1e-16 s.
     assert got["slope"] == pytest.approx(slope, rel=1e-7, abs=0)
@@ -104,7 +104,7 @@ def test_conveyor_dc_is_offset_resistance_gain_and_limit(
 
 def test_mirror_settles_with_its_pole_and_faster_with_more_devices(measure: Measure, design: Design) -> None:
     got = measure("mirror__tran")
-    tau = design.mirror.t_pole_s
+    tau = design.derived()["mirror.t_pole_s"]
     k = design.interface.k_options
     found = [got[name] for name in ("tau_fixed_s", "tau_k0_s", "tau_k3_s")]
     # Steps of 20 ps at a time constant of 8 ns, second order, and a logarithm of the ratio.
@@ -181,7 +181,7 @@ def test_row_driver_has_its_level_and_both_resistances(
 
 def test_charge_source_gives_one_packet_a_pulse_of_either_sign(measure: Measure, design: Design) -> None:
     got = measure("charge_source__tran")
-    packet = design.converter.packet_c * (1 + design.charge.packet_error)
+    packet = design.derived()["converter.packet_c"] * (1 + design.charge.packet_error)
     # The integral of trapezoids whose corners are time points is exact; ten digits are printed.
     assert got["charge_c"] == pytest.approx(packet, rel=1e-9, abs=0)
     assert got["charge_negative_c"] == pytest.approx(-packet, rel=1e-9, abs=0)

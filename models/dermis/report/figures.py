@@ -20,6 +20,7 @@ from dermis.report import waves
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
 COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "black", "#56B4E9", "#8B6F00", GREY)
 DPI = 130
+Fit = tuple[float, float, NDArray[np.float64]]
 
 POINTS_MAX = 5000
 """Most points drawn one by one; more are counted in bins."""
@@ -65,9 +66,7 @@ def strongest(codes: NDArray[Any]) -> tuple[int, str]:
     return frame, f", frame {frame} of 0 to {len(codes) - 1}" if len(codes) > 1 else ""
 
 
-def frame_figure(
-    made: Plan, codes: NDArray[Any], fit: tuple[float, float, NDArray[np.float64]] | None, path: Path
-) -> Figure:
+def frame_figure(made: Plan, codes: NDArray[Any], fit: Fit | None, path: Path) -> Figure:
     """Draw one run as PNG: stimulus and codes of the strongest frame on one scale, code against force, residual.
 
     `codes` are [frames, rows, cols]; `fit` is slope (codes a newton), offset and residuals of the taxels below
@@ -106,14 +105,7 @@ def frame_figure(
     return figure
 
 
-def _curves(
-    made: Plan,
-    codes: NDArray[Any],
-    top: int,
-    fit: tuple[float, float, NDArray[np.float64]] | None,
-    curve: Any,
-    rest: Any,
-) -> None:
+def _curves(made: Plan, codes: NDArray[Any], top: int, fit: Fit | None, curve: Any, rest: Any) -> None:
     """Draw code against force of every taxel with the fitted line, and the residual."""
     full_n = float(made.force_of_duty(np.full(made.cols, top / made.timing.gate_clocks)).max())
     if not math.isfinite(full_n):  # no force reaches full scale: as far as there are forces

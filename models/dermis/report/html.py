@@ -58,14 +58,14 @@ def write(
     """
     command = ["dermis", *sys.argv[1:]] if command is None else command
     picture = _picture(runs, images)
-    sorted_ = {n: sorted(rows, key=lambda row: ORDER.index(row["status"])) for n, rows in tables.items()}
+    ordered = {n: sorted(rows, key=lambda row: ORDER.index(row["status"])) for n, rows in tables.items()}
     page = _page(
         title=title,
         picture=picture,
         worst=_worst_row([row for rows in tables.values() for row in rows]),
         text=f"{_utc(time.time())}. Repeat with:",
         command=shlex.join(command),
-        tables=sorted_,
+        tables=ordered,
         runs=[_run(directory) for directory in runs[:RUNS_DRAWN]],
         more=runs[RUNS_DRAWN:],
         maps=[_map(*found) for found in maps],

@@ -102,16 +102,6 @@ class Converter(Strict):
     t_jitter_s: NonNegative
 
     @property
-    def t_clk_s(self) -> float:
-        """Clock period in seconds."""
-        return float(1 / exact(self.f_clk_hz))
-
-    @property
-    def packet_c(self) -> float:
-        """Charge of one packet in coulomb, i0 T."""
-        return float(exact(self.i0_a) / exact(self.f_clk_hz))
-
-    @property
     def packet_v(self) -> float:
         """One packet as a voltage on c_int_f."""
         return float(exact(self.i0_a) / exact(self.f_clk_hz) / exact(self.c_int_f))
@@ -168,11 +158,6 @@ class Integrator(Strict):
     r_in_ohm: Positive
     r_preset_ohm: Positive
 
-    @property
-    def t_gbw_s(self) -> float:
-        """1 / (2 pi gbw_hz) in seconds."""
-        return 1 / (2 * math.pi * self.gbw_hz)
-
 
 class Comparator(Strict):
     """The comparator, decision level 0 V."""
@@ -195,11 +180,6 @@ class Conveyor(Strict):
     i_out_max_a: Positive
     gain_error: RelativeError
 
-    @property
-    def t_pole_s(self) -> float:
-        """1 / (2 pi f_pole_hz) in seconds."""
-        return 1 / (2 * math.pi * self.f_pole_hz)
-
 
 class Mirror(Strict):
     """The asymmetrical k:1 current mirror."""
@@ -210,11 +190,6 @@ class Mirror(Strict):
     q_lag_c: Positive
     r_switch_ohm: NonNegative
     v_overdrive_v: Positive
-
-    @property
-    def t_pole_s(self) -> float:
-        """1 / (2 pi f_pole_hz) in seconds."""
-        return 1 / (2 * math.pi * self.f_pole_hz)
 
 
 class RowDriver(Strict):
@@ -254,11 +229,6 @@ class Ambient(Strict):
     temperature_c: float = Field(gt=-273.15)
     delta_k: float
     noise_factor: NonNegative
-
-    @property
-    def temperature_k(self) -> float:
-        """Absolute temperature in kelvin."""
-        return self.temperature_c - ABSOLUTE_ZERO_C
 
 
 class Design(Strict):
@@ -313,8 +283,9 @@ class Design(Strict):
         if self.duty(sensor.r_min_ohm) > 0.5 * (1 + _ROUNDING):
             low = self.resistance_full_scale_ohm
             yield "sensor.r_min_ohm", f"at least 2 v_bias_v / (k i0_a) = {low!r} ohm"
-        if 2 * converter.t_edge_s >= converter.t_clk_s:
-            yield "converter.t_edge_s", f"below half a clock of {converter.t_clk_s!r} s"
+        t_clk_s = float(1 / exact(converter.f_clk_hz))
+        if 2 * converter.t_edge_s >= t_clk_s:
+            yield "converter.t_edge_s", f"below half a clock of {t_clk_s!r} s"
         if converter.packet_v > self.swing_v * (1 + _ROUNDING):
             yield "converter.c_int_f", f"a packet of at most {self.swing_v!r} V on it"
         stored = self.stored()
@@ -331,11 +302,6 @@ class Design(Strict):
     def resistance_full_scale_ohm(self) -> float:
         """Resistance in ohm at which x = 1/2."""
         return float(2 * self._r_unit())
-
-    @property
-    def i0_direct_a(self) -> float:
-        """Reference current of the direct interface in ampere, k times larger."""
-        return float(self.interface.k * exact(self.converter.i0_a))
 
     def duty(self, resistance_ohm: float) -> float:
         """Return x = V_b / (k i0 R); R = 0 gives inf, R = inf gives 0."""
@@ -365,8 +331,8 @@ class Design(Strict):
 _DERIVED: dict[str, Callable[[Design], float]] = {
     "sensor.k_force_n_ohm": lambda d: d.sensor.k_force_n_ohm,
     "sensor.force_min_n": lambda d: d.sensor.k_force_n_ohm / d.sensor.r_max_ohm,
-    "converter.t_clk_s": lambda d: d.converter.t_clk_s,
-    "converter.packet_c": lambda d: d.converter.packet_c,
+    "converter.t_clk_s": lambda d: float(1 / exact(d.converter.f_clk_hz)),
+    "converter.packet_c": lambda d: float(exact(d.converter.i0_a) / exact(d.converter.f_clk_hz)),
     "converter.packet_v": lambda d: d.converter.packet_v,
     "converter.f_max_hz": lambda d: float(exact(d.converter.f_clk_hz) / 2),  # two ones are never adjacent
     "timing.slot_clocks": lambda d: d.timing.slot_clocks,
@@ -375,11 +341,11 @@ _DERIVED: dict[str, Callable[[Design], float]] = {
     "timing.slot_s": lambda d: float(exact(d.timing.frame_s) / d.array.rows),
     "timing.gate_s": lambda d: float(d.timing.gate_clocks / exact(d.converter.f_clk_hz)),
     "timing.settle_s": lambda d: float(d.timing.settle_clocks / exact(d.converter.f_clk_hz)),
-    "integrator.t_gbw_s": lambda d: d.integrator.t_gbw_s,
-    "conveyor.t_pole_s": lambda d: d.conveyor.t_pole_s,
-    "mirror.t_pole_s": lambda d: d.mirror.t_pole_s,
+    "integrator.t_gbw_s": lambda d: 1 / (2 * math.pi * d.integrator.gbw_hz),
+    "conveyor.t_pole_s": lambda d: 1 / (2 * math.pi * d.conveyor.f_pole_hz),
+    "mirror.t_pole_s": lambda d: 1 / (2 * math.pi * d.mirror.f_pole_hz),
     "integrator.v_preset_v": lambda d: float(exact(d.converter.packet_v) / 2),  # negative if inverted
-    "converter.i0_direct_a": lambda d: d.i0_direct_a,
+    "converter.i0_direct_a": lambda d: float(d.interface.k * exact(d.converter.i0_a)),  # k times larger
     "converter.c_direct_f": lambda d: float(d.interface.k * exact(d.converter.c_int_f)),
     "converter.swing_v": lambda d: d.swing_v,
 }
