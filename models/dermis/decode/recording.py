@@ -4,7 +4,6 @@
 import contextlib
 import gzip
 import io
-import re
 import warnings
 import zipfile
 import zlib
@@ -289,15 +288,6 @@ def _parsed(path: Path, read: Any) -> Any:
         raise
     except Exception as error:  # parsers of zip, headers and types raise whatever they like on garbage
         raise InputError(path, "file", type(error).__name__, f"a readable file ({error})") from None
-
-
-def parse_axes(said: str) -> tuple[str | int, ...]:
-    """Return the axes that an option names, as in "rows,cols,frames" or "frames,0,taxels"; ValueError for others."""
-    axes = tuple(int(a) if a.isdigit() else a for a in re.split(r"[,\s]+", said.strip()))
-    names = sorted(a for a in axes if isinstance(a, str))
-    if names not in (["cols", "rows"], ["cols", "frames", "rows"], ["frames", "taxels"]):
-        raise ValueError(said)
-    return axes
 
 
 def _shaped(path: Path, found: Found, layout: Layout) -> Floats:

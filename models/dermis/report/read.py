@@ -294,12 +294,15 @@ def _range_of(_: click.Context, __: click.Parameter, said: str | None) -> tuple[
 
 
 def _axes_of(_: click.Context, __: click.Parameter, said: str | None) -> tuple[str | int, ...] | None:
-    try:
-        return None if said is None else recording.parse_axes(said)
-    except ValueError:
+    if said is None:
+        return None
+    axes = tuple(int(a) if a.isdecimal() else a for a in re.split(r"[,\s]+", said.strip()))
+    names = sorted(a for a in axes if isinstance(a, str))
+    if names not in (["cols", "rows"], ["cols", "frames", "rows"], ["frames", "taxels"]):
         allowed = "frames,rows,cols in any order, or frames,taxels, "
         allowed += "with numbers for axes of which a part is taken"
-        raise InputError("command line", "--axes", said, allowed) from None
+        raise InputError("command line", "--axes", said, allowed)
+    return axes
 
 
 def _missing_of(_: click.Context, __: click.Parameter, said: tuple[str, ...]) -> dict[str, Any]:
