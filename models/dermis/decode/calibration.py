@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from dermis.array.array import Network
 from dermis.converter.vfc import W_PRESET, code, code_type
 from dermis.decode.crosstalk import CARRIED, CORRECTED
 from dermis.decode.force import start_of
-from dermis.decode.law import KINDS, Curve, of_sensor
+from dermis.decode.law import PARAMETERS, Curve, of_sensor
 from dermis.decode.memory import MemoryLaw
 from dermis.errors import InputError
 from dermis.files import text_of, write_atomic
@@ -28,7 +27,7 @@ from dermis.machine_code import argument
 from dermis.ndarrays import Floats
 from dermis.records import Plan, setting_of
 from dermis.scene.front_end import FrontEnd
-from dermis.scene.sensor import SensorState, spread_factor
+from dermis.scene.sensor import Random, SensorState, spread_factor
 
 FORMAT = 1
 COVERAGE_SIGMA = 3.5
@@ -262,9 +261,7 @@ def _of_chip(plan: Plan) -> dict[str, Any]:
     }
 
 
-def sheet_factor(
-    state: SensorState, shape: tuple[int, int], rng: Callable[[str], np.random.Generator]
-) -> Floats:
+def sheet_factor(state: SensorState, shape: tuple[int, int], rng: Random) -> Floats:
     """Return the relative conductance of the taxels of a sheet, [rows, cols], by temperature and spread."""
     factor = np.full(shape, 1.0 + state.temperature_error)
     if state.spread:
@@ -305,8 +302,8 @@ def load(path: Path | str) -> Calibration:
     known = data.get("uncertainty", {"offset_v2": np.zeros((3, cols)).tolist()})
     kind, logarithmic = sheet.value("kind", str), sheet.value("logarithmic", bool)
     curve = Curve(kind, logarithmic, **sheet.floats("g_open_s force_on_n"), **sheet.pieces())
-    if curve.kind not in KINDS:
-        raise InputError(path, "sheet.kind", curve.kind, "one of " + ", ".join(KINDS))
+    if curve.kind not in PARAMETERS:
+        raise InputError(path, "sheet.kind", curve.kind, "one of " + ", ".join(PARAMETERS))
     try:
         made = Calibration(
             rows=rows,

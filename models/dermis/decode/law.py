@@ -16,12 +16,10 @@ from dermis.scene.sensor import InverseSensor, PowerSensor
 _BISECTIONS = 200
 CONTRADICTION = 0.2
 """Part of the largest force by which a table may differ from its loads to be monotone."""
-KINDS = ("linear", "power", "cubic", "table")
-"""Laws that can be fitted."""
 POINTS = 16
 """Most points of a table."""
 PARAMETERS = {"linear": 1, "power": 2, "cubic": 3, "table": POINTS}
-"""Parameters of each law."""
+"""Laws that can be fitted, with their number of parameters."""
 ENOUGH = {"power": 6, "cubic": 9, "table": 2 * POINTS}
 """Different forces from which on a taxel may have its own law; a linear one is the taxel's factor."""
 

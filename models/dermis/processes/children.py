@@ -27,6 +27,12 @@ from dermis.processes import watchdog
 STARTED_S = 10.0  # longest wait for the end of the watchdog
 LOOK_S = 0.05  # between two looks at a program
 
+Command = Sequence[str | Path]
+Variables = Mapping[str, str] | None
+"""Added to the environment of this process."""
+Look = Callable[[], Any] | None
+"""Called until a program ends."""
+
 _lock = threading.Lock()
 _numbers = itertools.count(1)
 _watchdog: subprocess.Popen[bytes] | None = None
@@ -72,9 +78,7 @@ os.register_at_fork(after_in_child=_forked)
 class Child(subprocess.Popen[bytes]):
     """A program in its own session with its own mark; `environment` is added to that of this process."""
 
-    def __init__(
-        self, command: Sequence[str | Path], environment: Mapping[str, str] | None = None, **options: Any
-    ) -> None:
+    def __init__(self, command: Command, environment: Variables = None, **options: Any) -> None:
         self.mark = f"{guard()}/{next(_numbers)}"
         marked = {**os.environ, **(environment or {}), watchdog.VARIABLE: self.mark}
         super().__init__(command, env=marked, start_new_session=True, pass_fds=_own.handles, **options)
@@ -132,12 +136,12 @@ def holding(handle: int | None) -> Iterator[None]:
 
 
 def run_child(
-    command: Sequence[str | Path],
+    command: Command,
     directory: Path,
     log: Path,
     limit_s: float,
-    environment: Mapping[str, str] | None = None,
-    progress: Callable[[], Any] | None = None,
+    environment: Variables = None,
+    progress: Look = None,
 ) -> int | None:
     """Run a command in its own session; return its exit code, None if it was ended at its time limit.
 
@@ -156,12 +160,7 @@ def run_child(
 
 
 def _run(
-    command: Sequence[str | Path],
-    limit_s: float,
-    environment: Mapping[str, str] | None,
-    log: Path | None,
-    progress: Callable[[], Any] | None = None,
-    **options: Any,
+    command: Command, limit_s: float, environment: Variables, log: Path | None, progress: Look, **options: Any
 ) -> int | None:
     if _own.stopped():
         raise SimulatorError("interrupted", log)
@@ -184,12 +183,7 @@ def _run(
 
 
 def run_logged(
-    command: Sequence[str | Path],
-    directory: Path,
-    log: Path,
-    limit_s: float,
-    what: str,
-    environment: Mapping[str, str] | None = None,
+    command: Command, directory: Path, log: Path, limit_s: float, what: str, environment: Variables = None
 ) -> None:
     """Run a command as `run_child` does; SimulatorError if it failed or ran longer than its limit."""
     code = run_child(command, directory, log, limit_s, environment)
@@ -210,10 +204,7 @@ def ended(code: int) -> str:
 
 
 def output_of(
-    command: Sequence[str | Path],
-    limit_s: float,
-    directory: Path | None = None,
-    environment: Mapping[str, str] | None = None,
+    command: Command, limit_s: float, directory: Path | None = None, environment: Variables = None
 ) -> tuple[int | None, str]:
     """Run a command; return its exit code, None if it was ended at its limit, and its output.
 
@@ -222,7 +213,7 @@ def output_of(
     try:
         # A file in place of a pipe: a grandchild that holds a pipe open would be waited for.
         with tempfile.TemporaryFile() as out:
-            code = _run(command, limit_s, environment, None, cwd=directory, stdout=out)
+            code = _run(command, limit_s, environment, None, None, cwd=directory, stdout=out)
             out.seek(0)
             return code, out.read().decode(errors="replace")
     except OSError as error:

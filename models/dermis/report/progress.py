@@ -23,10 +23,9 @@ def rate(done: int, seconds: float, unit: str) -> str:
     """Return a rate in words: per second, or per minute or hour where that is less than one."""
     if done <= 0 or seconds <= 0:
         return ""
-    for length, name in ((1, "s"), (60, "min"), (3600, "h")):
-        if done / seconds * length >= 1 or name == "h":
-            return f"{done / seconds * length:.3g} {unit}/{name}"
-    return ""
+    shorter = (each for each in ((1, "s"), (60, "min")) if done / seconds * each[0] >= 1)
+    length, name = next(shorter, (3600, "h"))
+    return f"{done / seconds * length:.3g} {unit}/{name}"
 
 
 def duration(seconds: float) -> str:

@@ -125,6 +125,8 @@ class PowerSensor:
         return np.where(ohm >= self.r_open_ohm, 0.0, np.maximum(force, self.force_on_n))
 
 
+Random = Callable[[str], np.random.Generator]
+"""Name of an effect -> its generator."""
 Sensor = InverseSensor | PowerSensor
 """A law without memory; `age` adds the memory of a sheet."""
 
@@ -170,23 +172,18 @@ class SensorState:
 
 
 def age(
-    sensor: Sensor,
-    resistance_ohm: Floats,
-    t_frame_s: float,
-    state: SensorState,
-    creep_start_s: float,
-    rng: Callable[[str], np.random.Generator],
+    sensor: Sensor, by_law: Floats, t_frame_s: float, state: SensorState, creep_start_s: float, rng: Random
 ) -> Floats:
     """Turn the resistances of a law into those of a sheet in some state; in the default state, return them as given.
 
     Parameters
     ----------
     sensor : the law; it says which taxels are under load
-    resistance_ohm : [frames, rows, cols] by the law, 0..inf, one frame each t_frame_s
+    by_law : resistances in ohm [frames, rows, cols], 0..inf, one frame each t_frame_s
     creep_start_s : see `creep_decades`
-    rng : name of an effect -> its generator; asked for only where the state has a spread
+    rng : asked for only where the state has a spread
     """
-    by_law = resistance_ohm
+    resistance_ohm = by_law
     with np.errstate(over="ignore"):
         if state.hysteresis:
             resistance_ohm = play(resistance_ohm, state.hysteresis)
