@@ -116,9 +116,8 @@ def _spread(k, g, e_down, e_up, u, total, full, hidden, down, up, through, doubt
     rows, cols = g.shape
     v_bias, r_driven, r_column, g_lateral = k.v_bias, k.r_driven_far, k.r_column_far, k.g_lateral
     lifts, part = np.empty(rows), np.empty(rows)
-    for i in range(rows):
-        part[i] = k.g_ground / (total[i] + k.g_ground) if total[i] + k.g_ground > 0.0 else 0.0
     for r in range(rows):
+        part[r] = k.g_ground / (total[r] + k.g_ground) if total[r] + k.g_ground > 0.0 else 0.0
         for c in range(cols):
             down[r, c], up[r, c] = e_down[r, c] / v_bias, e_up[r, c] / v_bias
     for side in range(2):

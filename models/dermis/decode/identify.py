@@ -23,6 +23,7 @@ NETWORK_START = {
     "r_trace_column_ohm": 0.05,
 }  # fmt: skip
 """Parameters of the network that loads can identify, and the start of the search."""
+Taxels = Iterable[tuple[int, int]]
 PLATES = "is less certain than that: most loads press all taxels alike; add loads on parts of the sheet"
 """Remark on the network, which was up to 40 of its standard uncertainties off with plates alone."""
 NETWORK_PRIOR = 100.0
@@ -192,7 +193,7 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     return SheetFit(made, fit.values, remarks, tuple(bad), bad_taxels, elsewhere)
 
 
-def _elsewhere(made: Calibration, loads: list[Load], bad_taxels: Iterable[tuple[int, int]]) -> Iterator[str]:
+def _elsewhere(made: Calibration, loads: list[Load], bad_taxels: Taxels) -> Iterator[str]:
     """Yield where a taxel that is good conducts as if pressed without a force, or a tenth of that with one."""
     for load in loads:
         currents = made.step_a * (np.median(load.codes, axis=0) - made.start_code)
@@ -343,11 +344,7 @@ def _fit_network(
 
 
 def _fit_loads(
-    calibration: Calibration,
-    loads: list[Load],
-    kind: str,
-    odd: Iterable[tuple[int, int]] | None = None,
-    most: int = FORCES,
+    calibration: Calibration, loads: list[Load], kind: str, odd: Taxels | None = None, most: int = FORCES
 ) -> tuple[SheetFit, dict[str, float]]:
     """Fit all loads; return the fit and the relative residual of every load.
 

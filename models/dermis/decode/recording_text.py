@@ -646,11 +646,10 @@ class Table:
             table[n] = k
         if None in table:
             warn(self.path, f"{table.count(None)} of {count} places have no column: no taxel there")
-        first = self.names[next(k for k in table if k is not None)]
+        known = [(n, k) for n, k in enumerate(table) if k is not None]
+        first = self.names[known[0][1]]
         said = f"by names, {first} first{'' if shape else ', row by row'}"
-        places = [
-            (self.names[k], *divmod(n, shape[1])) for n, k in enumerate(table) if shape and k is not None
-        ]
+        places = [(self.names[k], *divmod(n, shape[1])) for n, k in known if shape]
         if told := next((place for place in reversed(places) if place[1] != place[2]), None):
             said += f", {told[0]} in row {told[1]}, column {told[2]}"
         return said, table, shape, by_line

@@ -96,14 +96,9 @@ def measure(
 def _cost(name: str, full: Plan, shift: NDArray[np.int_], without: Plan, pairs: int) -> Cost:
     run = engines.runner(full.engine)
     ratios = [cpu_seconds(lambda: run(full)) / cpu_seconds(lambda: run(without)) for _ in range(pairs)]
-    return Cost(
-        name,
-        int(np.abs(shift).max()),
-        float((shift != 0).mean()),
-        float(shift.mean()),
-        statistics.median(ratios) if ratios else np.nan,
-        engines.cheapest(without) or full.engine,
-    )
+    ratio, enough = statistics.median(ratios) if ratios else np.nan, engines.cheapest(without) or full.engine
+    moved, mean = float((shift != 0).mean()), float(shift.mean())
+    return Cost(name, int(np.abs(shift).max()), moved, mean, ratio, enough)
 
 
 def _size(cost: Cost) -> tuple[float, ...]:

@@ -207,11 +207,7 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
     return {
         "title": plan.scene.table.title,
         "scene": str(plan.scene.path),
-        "engine": plan.engine,
-        "topology": plan.topology,
-        "frames": plan.frames,
-        "rows": plan.rows,
-        "cols": plan.cols,
+        **{name: getattr(plan, name) for name in ("engine", "topology", "frames", "rows", "cols")},
         "frame_time_s": plan.timing.frame_s,
         "effects": [e._asdict() for e in plan.effects],
         "seed": plan.seed,

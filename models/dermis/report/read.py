@@ -31,6 +31,8 @@ from dermis.scene.schema import read_toml
 from dermis.skin import Skin
 
 Codes = NDArray[np.unsignedinteger]
+Results = tuple[Codes, Forces, list[verdict.Row]]
+"""Codes, decoded forces and verdicts."""
 
 CHIP = {"row_driver": True, "column_input": True, "lateral": True}
 """Effects of the chip without --scene: row drivers, column inputs and a coupled sheet."""
@@ -99,12 +101,10 @@ def error_figures(
     error = (found - force)[pressed]
     total, total_found = force.sum(axis=(1, 2)), found.sum(axis=(1, 2))
     level = THRESHOLD * total.max(initial=0.0)
-    rows, cols = np.indices(force.shape[1:])
+    axes = np.indices(force.shape[1:])
     loaded = (total > level) & (total_found > 0)
-    centres = [
-        np.stack([(f * axis).sum(axis=(1, 2)) for axis in (rows, cols)]) / f.sum(axis=(1, 2))
-        for f in (force[loaded], found[loaded])
-    ]
+    both = force[loaded], found[loaded]
+    centres = [np.stack([(f * axis).sum(axis=(1, 2)) for axis in axes]) / f.sum(axis=(1, 2)) for f in both]
     apart = np.hypot(*(centres[0] - centres[1]))
     passed = [t > level for t in (total, total_found)]
     onset = [float(time_s[np.argmax(above)]) if above.any() else np.nan for above in passed]
@@ -117,7 +117,7 @@ def error_figures(
     }
 
 
-def read_frames(skin: Skin, rec: Recording, force: Floats) -> tuple[Codes, Forces, list[verdict.Row]]:
+def read_frames(skin: Skin, rec: Recording, force: Floats) -> Results:
     """Send forces through the chip and back; return codes, decoded forces and verdicts.
 
     A force that is missing (NaN) is sent as the one before it in time.
@@ -152,7 +152,7 @@ def read_frames(skin: Skin, rec: Recording, force: Floats) -> tuple[Codes, Force
     return codes, found, rows
 
 
-def decode_frames(skin: Skin, rec: Recording, path: str) -> tuple[Codes, Forces, list[verdict.Row]]:
+def decode_frames(skin: Skin, rec: Recording, path: str) -> Results:
     """Decode the codes of a chip; return them, forces and verdicts. InputError for values that are no codes."""
     known, missing = skin.decoder.calibration, np.isnan(rec.values)
     most = known.code_max
@@ -449,7 +449,7 @@ def read_command(
         summary |= {"decoded": decodes, "understood": told, "warnings": notes}
         if out is None and (before := _file_of(target)) not in (None, summary["file"]):
             note(f"{one_line(str(target), 200)}: replaces the results of {one_line(before, 200)}")
-        write(target, rec, codes, found, judged, summary, hdf5, bag)
+        write(target, rec, (codes, found, judged), summary, hdf5, bag)
         for name, value in told.items():
             click.echo(f"{name:8} {value}")
         click.echo("\n".join(touch_map(found.force_n)))
@@ -485,16 +485,10 @@ def _masked(rec: Recording, mask: str) -> Recording:
 
 
 def write(
-    target: Path,
-    rec: Recording,
-    codes: Codes,
-    found: Forces,
-    rows: list[verdict.Row],
-    said: dict[str, Any],
-    hdf5: bool,
-    bag: str | None,
+    target: Path, rec: Recording, results: Results, said: dict[str, Any], hdf5: bool, bag: str | None
 ) -> None:
     """Write codes and forces with time (csv, npy, HDF5 and a ROS 2 bag if asked for) and, last, summary.json."""
+    codes, found, rows = results
     summary = said | dict(zip(("frames", "rows", "cols"), codes.shape, strict=True))
     summary |= {"taxels": int(rec.present.sum()), "t_frame_s": rec.t_frame_s if len(codes) > 1 else None}
     summary |= {"time_from": rec.time_from, "verdicts": rows}

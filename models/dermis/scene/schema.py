@@ -92,12 +92,8 @@ _LIMITS = {"ge": ">= ", "gt": "> ", "lt": "below ", "le": "at most "}
 
 def _number_in_words(kind: type, metadata: Sequence[Any]) -> str:
     limits = [limit for item in metadata for limit in getattr(item, "metadata", [item])]
-    said = {
-        key: re.sub(r"e([+-])0", r"e\1", f"{getattr(limit, key):.12g}")
-        for limit in limits
-        for key in _LIMITS
-        if hasattr(limit, key)
-    }
+    given = {key: getattr(limit, key) for limit in limits for key in _LIMITS if hasattr(limit, key)}
+    said = {key: re.sub(r"e([+-])0", r"e\1", f"{value:.12g}") for key, value in given.items()}
     infinite = any(getattr(limit, "allow_inf_nan", False) for limit in limits)
     head = "a whole number" if kind is int else "a number" if infinite else "a finite number"
     if said.keys() >= {"ge", "le"}:
