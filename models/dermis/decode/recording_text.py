@@ -634,9 +634,8 @@ class Table:
             two = len(changing) == 2
             plain = two and not re.search("[a-z]", texts[changing[0] + 1])
             turned = two and words[0] in COL and (plain or words[1] in ROW)
-            if (plain and words[0] in ("c", "x")) or not (
-                turned or plain or (words[0] in ROW and words[-1] in COL)
-            ):
+            named = turned or plain or (words[0] in ROW and words[-1] in COL)
+            if (plain and words[0] in ("c", "x")) or not named:
                 raise self._unclear(first, "names with row and column, as r0c0")
             numbers = numbers[:, ::-1] if turned else numbers
             shape, by_line = self._grid(first, numbers, plain), True

@@ -421,9 +421,9 @@ def read_command(
         # Times of a file have six digits; a frame that is shorter by less is the same.
         if own_chip and not decodes and frames > 1 and rec.t_frame_s < frame_s * (1 - 1e-6):
             allowed = (
-                f"at most {1 / frame_s:.4g} frames a second: the chip reads {rows} rows in {frame_s:g} s; "
+                f"at most {1 / frame_s:.4g} frames a second: the chip reads {rows} rows in {frame_s:g} s"
             )
-            allowed += "a scene with [front_end] has no such limit"
+            allowed += "; a scene with [front_end] has no such limit"
             speed = f"{1 / rec.t_frame_s:.6g}" if rec.t_frame_s else "no time between frames"
             raise InputError(file, "rate", speed, allowed)
         own = None if known is None else calibration.load(known)

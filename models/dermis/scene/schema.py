@@ -268,10 +268,10 @@ def models_of(annotation: Any) -> list[type[BaseModel]]:
 
 def _alternative(annotation: Any, tag: Any) -> Any:
     """Return the members of a tagged union with `tag`."""
-    fields = (
+    pairs = (
         (m, typing.get_args(f.annotation)) for m in models_of(annotation) for f in m.model_fields.values()
     )
-    return [m for m, words in fields if tag in words] or annotation  # only a Literal has words
+    return [m for m, words in pairs if tag in words] or annotation  # only a Literal has words
 
 
 def write_toml(tables: dict[str, Any]) -> str:
