@@ -398,18 +398,14 @@ class Reason(NamedTuple):
 
 def reasons(path: str | Path | None = None) -> dict[str, Reason]:
     """Return the comment above each key of a design file: its mark (P, C or S) and text."""
-    found: dict[str, Reason] = {}
-    section, comment = "", []
-    for line in Path(path or DESIGN_FILE).read_text(encoding="utf-8").splitlines():
-        if line.startswith("#"):
-            comment.append(line.lstrip("# ").strip())
-            continue
-        if head := re.fullmatch(r"\[(\w+)\]", line.strip()):
-            section = head[1]
-        elif item := re.match(r"(\w+)\s*=", line):
-            mark = re.match(r"\[([PCS])\] (.+)", " ".join(comment))
-            found[f"{section}.{item[1]}"] = Reason(*mark.groups()) if mark else Reason("", "")
-        comment = []
+    found, section = {}, ""
+    text = Path(path or DESIGN_FILE).read_text(encoding="utf-8")
+    for comment, head, key in re.findall(r"((?:^#.*\n)*)^(?:\[(\w+)\]|(\w+)[ \t]*=)", text, re.MULTILINE):
+        section = head or section
+        if key:
+            said = " ".join(line.lstrip("# ").strip() for line in comment.splitlines())
+            mark = re.match(r"\[([PCS])\] (.+)", said)
+            found[f"{section}.{key}"] = Reason(*mark.groups()) if mark else Reason("", "")
     return found
 
 
