@@ -27,8 +27,8 @@ def integrator_waves(record: dict[str, Any], cols: int) -> tuple[NDArray[np.floa
     return np.concatenate(times), np.concatenate([np.array(v) for v in volts], axis=1)
 
 
-def write(out: Path, made: Plan, result: Result) -> Path:
-    """Write waves.vcd and waves.gtkw of the first part of a run into `out`; return the VCD's path."""
+def write(out: Path, made: Plan, result: Result) -> None:
+    """Write waves.vcd and waves.gtkw of the first part of a run into `out`."""
     vcd, gtkw = optional("vcd", "chip"), optional("vcd.gtkw", "chip")
     record = result.info["records"][0]
     nets = {"preset": 1, "row_select": made.rows, "charge": made.cols, "comparator": made.cols}
@@ -61,4 +61,3 @@ def write(out: Path, made: Plan, result: Result) -> Path:
     for column in range(made.cols):
         save.trace(f"analog.v_int{column}", extraflags=["analog_step"])
     write_atomic(out / "waves.gtkw", file.getvalue())
-    return out / "waves.vcd"

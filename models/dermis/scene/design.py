@@ -42,9 +42,7 @@ RelativeError = Annotated[float, Field(gt=-1, lt=1)]
 
 def exact(value: float | int | str | Fraction) -> Fraction:
     """Return the decimal a person wrote as a fraction, so that 2e-3 / 16 * 5e6 is exactly 625."""
-    if isinstance(value, (Fraction, int, str)):
-        return Fraction(value)
-    return Fraction(repr(float(value)))
+    return Fraction(value if isinstance(value, (Fraction, int, str)) else repr(float(value)))
 
 
 class Array(Strict):
