@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import inject
 import numpy as np
 import pytest
 from made_plans import made, ohms
@@ -21,7 +22,6 @@ from dermis.errors import InputError, SimulatorError
 from dermis.processes import children, pool, watchdog
 from dermis.records import Plan
 from dermis.scene.design import ROOT
-from tb.programs.faults import inject
 from tb.system.system_bench import processes_with
 
 FRAMES, SIZE = 11, 6
@@ -144,11 +144,12 @@ def test_cosim_is_told_that_it_has_processes_of_its_own(make_plan) -> None:
         batch.run(make_plan("cosim"), processes=2)
 
 
-SLOW = """
+SLOW = f"""
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for tests in the background
 from dermis.engines import batch; from dermis import plan
-from tb.programs.faults import inject
+sys.path.append({str(Path(inject.__file__).parent)!r})
+import inject
 batch._run_part = inject.sleep
 batch.run(plan.load(sys.argv[1], "event"), processes=2)
 """

@@ -13,7 +13,7 @@ from dermis.chip import sky130
 from dermis.errors import InputError
 from dermis.scene.design import ROOT, TOPOLOGIES
 
-_NUMBER = r"-?[0-9]{1,40}(?:\.[0-9]{1,40})?(?:e[+-]?[0-9]{1,3})?"
+NUMBER = r"-?[0-9]{1,40}(?:\.[0-9]{1,40})?(?:e[+-]?[0-9]{1,3})?"
 _NAME = "[a-z][a-z0-9_.]*"
 _ANY = "[a-z0-9_]+"
 _NODES = rf"(?: (?:0|{_NAME}))"
@@ -22,19 +22,18 @@ _DECK = re.compile(
     "|".join(
         (
             rf"dermis frame [0-9]+: [0-9]+ x [0-9]+, (?:{'|'.join(TOPOLOGIES)})",  # title
-            rf"[ceirv]{_ANY}{_NODES}{{2,4}} (?:{_NUMBER}|external)",  # element with a value
-            rf"vbias vbias 0 sin\({_NUMBER}(?: {_NUMBER}){{5}}\)",  # ripple
-            rf"b{_ANY}{_NODES}{{2}} i = v\({_NAME},{_NAME}\)\*\({_NUMBER} \+ \({_NUMBER}\)\*time\)",
-            rf"x{_ANY}{_NODES}+(?: {_NAME}={_NUMBER})*",  # subcircuit
+            rf"[ceirv]{_ANY}{_NODES}{{2,4}} (?:{NUMBER}|external)",  # element with a value
+            rf"vbias vbias 0 sin\({NUMBER}(?: {NUMBER}){{5}}\)",  # ripple
+            rf"b{_ANY}{_NODES}{{2}} i = v\({_NAME},{_NAME}\)\*\({NUMBER} \+ \({NUMBER}\)\*time\)",
+            rf"x{_ANY}{_NODES}+(?: {_NAME}={NUMBER})*",  # subcircuit
             rf"\+{_NODES}+",  # pins of the array
             r"\.(?:subckt|ends) array",
-            rf"\.temp {_NUMBER}",
-            rf"\.(?:param|options)(?: {_NAME}=(?:{_NUMBER}|gear|trap))+",
+            rf"\.temp {NUMBER}",
+            rf"\.(?:param|options)(?: {_NAME}=(?:{NUMBER}|gear|trap))+",
             *map(re.escape, sky130.REFERENCE),
         )
     )
 )
-_PARAMETERS = rf"\.param [a-z][a-z0-9_]* = {_NUMBER}|\*[ -~]*"
 
 
 @cache
@@ -50,8 +49,3 @@ def includes() -> frozenset[str]:
 def strange_lines(lines: Iterable[str]) -> list[str]:
     """Return the lines without an allowed form; a line with a line end inside is one of them."""
     return [line for line in lines if line not in includes() and not _DECK.fullmatch(line)]
-
-
-def strange_parameters(text: str) -> list[str]:
-    """Return the lines of a parameter file that are neither `.param name = number` nor a comment."""
-    return [line for line in text.split("\n") if line and not re.fullmatch(_PARAMETERS, line)]
