@@ -77,22 +77,13 @@ class AnalogColumns:
         open_columns: Sequence[int] = (),
         shorted_columns: Sequence[tuple[int, int]] = (),
     ) -> None:
-        cols = len(x[0])
-        preset = list(w_preset) if w_preset is not None else [(-1, 2)] * cols
-        self.half_packet: list[int] = []
-        self.preset: list[int] = []
-        self.half_step: list[list[int]] = [[0] * cols for _ in x]
-        self.half_full: list[int] = []
+        preset = list(w_preset) if w_preset is not None else [(-1, 2)] * len(x[0])
         # A factor of two for half clocks, and one for currents that halve in shorted columns.
-        units = [4 * lcm(FULL_SCALE[1], preset[c][1], *(row[c][1] for row in x)) for c in range(cols)]
-        for a, b in shorted_columns:
-            units[a] = units[b] = lcm(units[a], units[b])
-        for c, packet in enumerate(units):
-            self.half_packet.append(packet // 2)
-            self.preset.append(preset[c][0] * (packet // preset[c][1]))
-            self.half_full.append(FULL_SCALE[0] * (packet // 2 // FULL_SCALE[1]))
-            for r, row in enumerate(x):
-                self.half_step[r][c] = row[c][0] * (packet // 2 // row[c][1])
+        packet = 4 * lcm(FULL_SCALE[1], *(q for duties in (*x, preset) for _, q in duties))
+        self.half_packet = packet // 2
+        self.half_full = FULL_SCALE[0] * (self.half_packet // FULL_SCALE[1])
+        self.half_step = [[p * (self.half_packet // q) for p, q in row] for row in x]
+        self.preset = [p * (packet // q) for p, q in preset]
         self.open_columns = list(open_columns)
         self.shorted_columns = list(shorted_columns)
         self.w = list(self.preset)
@@ -102,7 +93,7 @@ class AnalogColumns:
         if preset:
             self.w = list(self.preset)
             return
-        step = [full if test_current >> c & 1 else 0 for c, full in enumerate(self.half_full)]
+        step = [self.half_full * (test_current >> c & 1) for c in range(len(self.w))]
         for r, own in enumerate(self.half_step):
             if row_select >> r & 1:
                 step = [a + b for a, b in zip(step, own, strict=True)]
@@ -110,10 +101,8 @@ class AnalogColumns:
             step[a] = step[b] = (step[a] + step[b]) // 2
         for c in self.open_columns:
             step[c] = 0
-        self.w = [
-            w + i - (h if charge >> c & 1 else 0)
-            for c, (w, i, h) in enumerate(zip(self.w, step, self.half_packet, strict=True))
-        ]
+        drawn = (self.half_packet * (charge >> c & 1) for c in range(len(self.w)))
+        self.w = [w + i - out for w, i, out in zip(self.w, step, drawn, strict=True)]
 
     def comparators(self) -> int:
         """Comparator levels as a bit vector, column 0 in bit 0."""

@@ -218,23 +218,6 @@ def pedar() -> str:
 NO_COLUMNS, NO_SENSEL = without(np.s_[:, :, :2]), without(np.s_[:, 0, 5])
 
 
-def npz(path: Path) -> None:
-    np.savez(path, force=FRAMES, time_ms=20 * np.arange(COUNT), note=np.array("left"))
-
-
-def npz_unit(path: Path) -> None:
-    np.savez(path, force=FRAMES, time_ms=20 * np.arange(COUNT), unit="mN")
-
-
-def npz_stamps(path: Path) -> None:
-    np.savez(path, force=FRAMES, time=np.array(STAMPS, dtype="datetime64[ns]"))
-
-
-def npz_parts(path: Path) -> None:
-    stamps = np.array(STAMPS)
-    np.savez(path, force=FRAMES, sec=stamps // 10**9, nanosec=stamps % 10**9)
-
-
 def mat(path: Path) -> None:
     scipy.io.savemat(path, {"P": np.moveaxis(FRAMES, 0, 2), "t": TIME, "fs": 50.0}, do_compression=True)
 
@@ -263,6 +246,10 @@ def parquet(made: dict[str, Any], options: dict[str, Any] | None = None, **told:
 def npy(array: NDArray[Any], options: dict[str, Any], **told: Any) -> Case:
     """Return the case of an array without times."""
     return Case(output.npy_bytes(array), RATE | options, file="a.npy", **told)
+
+
+def npz(made: dict[str, Any], options: dict[str, Any], **told: Any) -> Case:
+    return Case(lambda path: np.savez(path, **made), options, file="a.npz", **told)
 
 
 def columns(name: Callable[[int, int], str], order: str = "rows") -> dict[str, Floats]:
@@ -479,6 +466,9 @@ ROW_LOST = "".join(line for n, line in enumerate(OWN_OUTPUT.splitlines(keepends=
 SOME_255, HELD = NO_SENSEL.copy(), FRAMES.copy()
 SOME_255[2, 2, 2] = 255
 HELD[3, 0, 5] = FRAMES[2, 0, 5]
+NAMED = {"force": FRAMES, "time_ms": 20 * np.arange(COUNT)}
+SECONDS = dict(zip(("sec", "nanosec"), np.divmod(STAMPS, 10**9), strict=True))
+FEW_DIGITS = np.float32(1.7e9 + 200 * np.arange(COUNT))
 UNITS_COMMENT = "# time unit: s\n# unit: mN\n" + table(None)
 
 CASES: dict[str, Case] = {
@@ -531,11 +521,7 @@ CASES: dict[str, Case] = {
     "HDF5, a time in two units": Case(
         lambda path: packed(path, "s"), asks="--time-unit ms or s", file="a.h5"
     ),
-    "npz, stamps with too few digits": Case(
-        lambda path: np.savez(path, p=FRAMES, t=np.float32(1.7e9 + 200 * np.arange(COUNT))),
-        asks="--rate",
-        file="a.npz",
-    ),
+    "npz, stamps with too few digits": npz({"p": FRAMES, "t": FEW_DIGITS}, {}, asks="--rate"),
     "JSON": Case('{"t": 0, "p": [1, 2]}\n' * COUNT, SIZE | RATE, asks="JSON", file="a.json"),
     "an option of another kind of file": csv(flat, options=SIZE | RATE | {"key": "p"}, asks="--key"),
     "npy, column after column": npy(
@@ -701,11 +687,11 @@ CASES: dict[str, Case] = {
         f"npy, axes of {shape}": npy(np.arange(math.prod(shape)).reshape(shape), {}, asks="--axes")
         for shape in ((4, 4, 4), (4, 8, 32), (20, 2, 256), (3, 2, 4, 4), (16, 4))
     },
-    "npz": Case(npz, SIZE, file="a.npz"),
-    "npz, datetime64": Case(npz_stamps, SIZE, file="a.npz"),
-    "npz, parts of a second": Case(npz_parts, SIZE, asks="--time-key", file="a.npz"),
-    "npz, by name": Case(npz, SIZE | {"key": "force"}, file="a.npz"),
-    "npz, with its unit": Case(npz_unit, SIZE, file="a.npz", **NEWTONS),
+    "npz": npz(NAMED | {"note": np.array("left")}, SIZE),
+    "npz, datetime64": npz({"force": FRAMES, "time": np.array(STAMPS, "datetime64[ns]")}, SIZE),
+    "npz, parts of a second": npz({"force": FRAMES} | SECONDS, SIZE, asks="--time-key"),
+    "npz, by name": npz(NAMED | {"note": np.array("left")}, SIZE | {"key": "force"}),
+    "npz, with its unit": npz(NAMED | {"unit": "mN"}, SIZE, **NEWTONS),
     "npy, 256 columns": npy(WIDE.reshape(5, -1), WIDE_SIZE, values=WIDE, time_s=TIME[:5]),
     "MATLAB 5": Case(mat, file="a.mat"),
     "MATLAB 7.3": Case(mat73, file="a.mat"),
