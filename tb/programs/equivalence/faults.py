@@ -9,6 +9,7 @@ made in the front end of two rows and columns; a test counts the cells of its pa
 import hashlib
 import re
 import shutil
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -25,37 +26,13 @@ from tb.programs.equivalence.gate import Case
 
 LOOP = Case(codes=(0, 64, 240), clocks=48)  # the column that has the faults
 
-# A cut line is 1 Gohm, two joined lines are 10 ohm: an open node needs some path to have a voltage at all.
-FAULTS = {
-    "wrong_polarity": (
-        "comparator.sp",
-        "xp_first v_first v_pair vdd vdd pmos",
-        "xp_first v_first v_pair vdd vdd nmos",
-    ),
-    "open_drain": ("ota.sp", "xn_cascn out", "rcut out v_cut 1g\nxn_cascn v_cut"),
-    "wrong_ratio": (
-        "mirror.sp",
-        "mirror_fixed in out ibias vdd vss params: k=80\nxin in in vcn vss mirror_group units={k}",
-        "mirror_fixed in out ibias vdd vss params: k=80\nxin in in vcn vss mirror_group units={k-1}",
-    ),
-    "controls_swapped": (
-        "charge_source.sp",
-        "on off v_high v_low vdd vss vdd_d vss_d steering_driver units={units}\nxn_source",
-        "off on v_high v_low vdd vss vdd_d vss_d steering_driver units={units}\nxn_source",
-    ),
-    "inputs_swapped": ("vfc.sp", "xcomparator agnd v_int", "xcomparator v_int agnd"),
-    "switch_stuck_on": (
-        "integrator.sp",
-        "xs_preset out vref on_late off_late vdd vss switch",
-        "xs_preset out vref vdd vss vdd vss switch",
-    ),
-}
-"""File, text that occurs there once, text in its place, by kind of fault."""
+_TABLES = Path(__file__).with_name("faults.toml")
+FAULTS, OTHER_RAIL, REASONS = tomllib.loads(_TABLES.read_text(encoding="utf-8")).values()
 
 
 def written(kind: str, folder: Path) -> Path:
     """Write a copy of spice/sky130 with a fault and return its folder."""
-    file, right, wrong = FAULTS[kind]
+    file, right, wrong = FAULTS[kind].values()
     place = folder / kind
     shutil.copytree(CIRCUIT, place, dirs_exist_ok=True)
     text = (CIRCUIT / file).read_text(encoding="utf-8")
@@ -66,18 +43,6 @@ def written(kind: str, folder: Path) -> Path:
 
 
 TOP = "dermis_analog_front_end"
-OTHER_RAIL = {
-    "passive": {"vdd": ("vss",), "vss": ("vdd",), "agnd": ("vss",), "vbias": ("vref",)},
-    "transistor": {"vdd": ("vdd_d",), "vss": ("agnd",), "vdd_d": ("vdd",)},
-    "circuit": {
-        "vdd": ("vdd_d",),
-        "vdd_d": ("vdd",),
-        "agnd": ("vref", "vss"),
-        "vref": ("vbias", "agnd"),
-        "vbias": ("vref",),
-    },
-}
-"""Kind of pin -> rail -> wrong rails for a seeded fault; the first that the subcircuit has is taken."""
 TRANSISTORS = {"nmos": "nmos_lv", "pmos": "pmos_lv", "nmos_lv": "nmos", "pmos_lv": "pmos"}
 """The transistor of the other oxide."""
 LIMIT_S, TASK_LIMIT_S = 60.0, 3600.0
@@ -200,21 +165,9 @@ def noticed(fault: Fault, folder: Path) -> str:
 
 def digest() -> str:
     """Return the digest of what decides about a fault, besides the circuit."""
-    texts = [path.read_text(encoding="utf-8") for path in (Path(__file__), results.RECORD)]
+    texts = [path.read_text(encoding="utf-8") for path in (Path(__file__), _TABLES, results.RECORD)]
     texts += [deck for _, (deck, _) in sorted(_reach().items())]
     return hashlib.sha256("".join(texts).encode()).hexdigest()
-
-
-REASONS = {
-    r"\.xs\w+\.rail5": "the well of a switch is on vdd_d, above all of its nets",
-    r"mirror\.xnot\.rail3": "1.8 V close a switch whose line lies below mid rail",
-    r"channel_multi_output_conveyor\.xconveyor\.rail4": "the output that is not used ends on vref in place of agnd",
-    r"level_down\.xout\.oxide": "an inverter of 3.3 V works on 1.8 V, 0.5 ns later at ss, -40 C, 0.9",
-    r"row_sense\.xnot\.rail3": "1.8 V are a full level for level_down, which reads it",
-    r"mirror\.xc_ped\.missing": "a class at sf, 27 C, 0.9 alone: 3.79 V for 27 ns (make characterise)",
-    r"xc_amp\.rail2": "the amplifier's load ends on another supply, which its loop takes away",
-}
-"""Why a fault passes, by a pattern of its name."""
 
 
 def reason(name: str) -> str:

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -290,46 +291,11 @@ def tool(trial: Trial, bench: Bench, draw: random.Random) -> Found:
 
 DISTURBANCES = {function.__name__: function for function in (kill, ctrl_c, disk, stdout, limit, tool)}
 
-# Disturbance -> subject -> what is done, and how often. A signal comes at another moment each time.
-TRIALS = {
-    "kill": {
-        "closed": "parent_kill*2 parent_term parent_stop",
-        "batch": "parent_kill*3 parent_term*2 worker_kill*8 worker_term*4 worker_stop watchdog_kill",
-        "rtl": "parent_kill*4 hdl_simulator_kill*8 hdl_simulator_term*4 hdl_simulator_stop watchdog_kill",
-        "rtl_batch": "worker_kill*4 hdl_simulator_kill*4",
-        "build": "parent_kill*2 compiler_kill*3 compiler_stop",
-        "cosim": "parent_kill*6 parent_term*2 parent_stop hdl_simulator_kill*20 hdl_simulator_term*9 "
-        "hdl_simulator_stop*2 watchdog_kill",
-        "cosim_verilator": "parent_kill*2 hdl_simulator_kill*8",
-    },
-    "ctrl_c": {
-        "batch": "group_int alone_int thrice_int alone_term",
-        "rtl": "group_int group_term",
-        "build": "group_int",
-        "cosim": "group_int alone_int thrice_int alone_term",
-    },
-    "disk": {
-        "closed": "out_0 out_40000 out_readonly tmpdir_0 build_0 build_readonly",
-        "batch": "tmpdir_0",
-        "rtl": "build_0 build_200000 tmpdir_0",
-        "cosim": "out_0 build_200000 build_readonly tmpdir_0",
-    },
-    "stdout": {"closed": "full closed"},
-    "limit": {
-        "closed": "file_300 file_20000 memory_500",
-        "batch": "memory_700 memory_1200 handles_16",
-        "cosim": "file_20000 memory_1200",
-    },
-    "tool": {
-        "rtl": "iverilog_missing iverilog_failing iverilog_garbage iverilog_hanging vvp_missing vvp_garbage "
-        "vvp_hanging",
-        "build": "g++_missing make_garbage make_hanging",
-        "closed": "ngspice_missing ngspice_garbage ngspice_hanging",
-    },
-}
+TRIALS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 def every() -> list[Trial]:
+    """Return the trials of the table, in its order."""
     trials: list[Trial] = []
     for disturbance, subjects in TRIALS.items():
         for subject, words in subjects.items():
