@@ -26,7 +26,7 @@ from dermis.converter.vfc import count_rational
 from dermis.errors import SimulatorError
 from dermis.ndarrays import Floats
 from dermis.processes import children
-from scripts import workers
+from scripts import templates, workers
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench.circuit import OPTIONS, Circuit, Run
 from tb.programs.bench.measure import cpu_once
@@ -92,35 +92,9 @@ def xspice(
     t_clk = 1.0 / circuit.f_clk_hz
     edges = [(0.5 * n * t_clk, 1 - n % 2) for n in range(2, 2 * clocks + 4)]
     _write(where, "clock.txt", ["0.0 0s", *(f"{time:.12e} {level}s" for time, level in edges)])
-    delays = f"rise_delay={T_GATE_S} fall_delay={T_GATE_S}"
-    lines = [
-        "one converter with event-driven code models",
-        *circuits.blocks(circuit, options=options),
-        "aclk [clk] ticks",
-        '.model ticks d_source(input_file="clock.txt")',
-        "acmp [comp0] [comp] adc",
-        f".model adc adc_bridge(in_low=0 in_high=0 {delays})",
-        "ainv sample sample_n inv",
-        f".model inv d_inverter({delays})",
-        "aand [comp sample_n] sample_d gate",
-        f".model gate d_and({delays})",
-        "asample sample_d clk null null sample null flop",
-        "apulse sample clk null null pulse null flop",
-        f".model flop d_dff(clk_delay={T_GATE_S} ic=0 {delays})",
-        "adac [pulse] [d_charge] dac",
-        f".model dac dac_bridge(out_low=0 out_high=1 t_rise={circuit.t_edge_s} t_fall={circuit.t_edge_s})",
-        ".save v(xvfc.v_int) v(d_charge)",
-        ".control",
-        "set numdgt=15",
-        "shell date +BENCH_%s.%N",
-        f"tran {circuit.t_edge_s} {(clocks + 0.75) * t_clk:.12e} 0 {step_s} uic",
-        "shell date +BENCH_%s.%N",
-        "wrdata waves.dat v(xvfc.v_int) v(d_charge)",
-        "quit",
-        ".endc",
-        ".end",
-    ]
-    _write(where, "deck.cir", lines)
+    given = {"t_gate_s": T_GATE_S, "t_edge_s": circuit.t_edge_s, "step_s": step_s}
+    given |= {"blocks": circuits.blocks(circuit, options=options), "end_s": f"{(clocks + 0.75) * t_clk:.12e}"}
+    (where / "deck.cir").write_text(templates.text("xspice.cir", **given))
     log = where / "console.log"
     children.run_logged(["ngspice", "-b", "deck.cir"], where, log, limit_s, "ngspice")
     try:
@@ -132,58 +106,12 @@ def xspice(
     return _judged(circuit, end - begin, time_s, v_int, told, late_s=2 * T_GATE_S)
 
 
-# The flip-flops are the project's. Reset ends after clock 1, whose decision is 0 in any case, so
-# that the level that the plug-in has not yet driven is not sampled. Icarus 11 does not carry a value
-# that is forced, as by cocotbext-ams, through ports and assignments; a process sees it
-# (NO_INSTANCE).
-_VERILOG = """`timescale 1ns/1ps
-`ifndef NO_INSTANCE
-module bench_analog(input wire d_charge, output wire comp);
-endmodule
-`endif
-module bench_peer;
-  parameter CLOCKS = 100;
-  reg clk = 1'b0;
-  reg rst_n = 1'b1;
-  wire d_charge;
-  integer n = 0, file;
-`ifdef NO_INSTANCE
-  reg comp, seen;
-  always @(comp) seen = comp;
-`else
-  wire comp;
-  wire seen = comp;
-  bench_analog u_analog (.d_charge (d_charge), .comp (comp));
-`endif
-  dermis_sync_ff u_sync (.clk_i (clk), .rst_ni (rst_n), .inhibit_i (1'b0), .comp_async_i (seen), .pulse_o (d_charge));
-  initial begin
-    file = $fopen("told.txt");
-    #1 rst_n = 1'b0;
-    #1499 rst_n = 1'b1;
-  end
-  always begin
-    #500 clk = 1'b0;
-    #500 clk = 1'b1;
-  end
-  always @(posedge clk) begin
-    n = n + 1;
-    if (n <= CLOCKS) $fdisplay(file, "%b", d_charge);
-    if (n == CLOCKS) $fclose(file);
-`ifndef NO_INSTANCE
-    if (n == CLOCKS + 1) $finish;
-`endif
-  end
-endmodule
-"""
-
-
 def _compiled(circuit: Circuit, where: Path, *options: str) -> Path:
     """Return the test bench built by Icarus in a new directory."""
     where.mkdir(parents=True)
-    (where / "bench_peer.v").write_text(_VERILOG)
     needed = [path for path in rtl_sources() if path.stem in ("dermis_sync_ff", "dermis_tech_dff")]
     command = ["iverilog", "-g2012", "-s", "bench_peer", f"-Pbench_peer.CLOCKS={circuit.gate_clocks}"]
-    command += [*options, "-o", "sim.vvp", "bench_peer.v", *map(str, needed)]
+    command += [*options, "-o", "sim.vvp", str(Path(__file__).with_name("bench_peer.v")), *map(str, needed)]
     children.run_logged(command, where, where / "compile.log", 60, "Icarus")
     return where / "sim.vvp"
 
