@@ -16,10 +16,10 @@ from dermis.scene.extracted import Measured, channel
 from scripts.characterise.benches import (
     AMPLIFIER,
     AMPLIFIER_OFFSET,
-    RAILS,
     Condition,
     amplifier,
     amplifier_offset,
+    body,
     row_driver,
     row_driver_body,
 )
@@ -69,16 +69,8 @@ def column_body(topology: str, k: int) -> str:
         end = n * slot + _PRESET_S + _GATE_S
         if n:
             meas += f".meas tran x{n} avg v(x) from={end - _READ_S!r} to={end - 1e-7!r}\n"
-    return f"""\
-xline ibias vdd vss bias_line
-vpreset logic_preset 0 pulse(1 0 {_PRESET_S!r} 1n 1n {_GATE_S!r} {slot!r})
-ix 0 x pwl({steps})
-ccolumn x 0 400p
-xnull x y d_preset agnd ibias vdd vss vdd_d vss_d offset_null
-{_COPY[topology].format(k=k)}
-vsum sum 0 0
-.tran 100n {len(_SHARES) * slot!r}
-{meas}"""
+    times = {"preset_s": _PRESET_S, "gate_s": _GATE_S, "slot_s": slot, "end_s": len(_SHARES) * slot}
+    return body("extract_column", steps=steps, copy=_COPY[topology].format(k=k), meas=meas, **times)
 
 
 def column(k: int, found: Found) -> list[Measured]:
@@ -93,27 +85,12 @@ def column(k: int, found: Found) -> list[Measured]:
 
 
 def chain_body(topology: str, k: int) -> str:
-    """Return the path from column to summing node, and a charge source on a separate node.
-
-    The swept source is a number: 0 .. 10 are the currents, 11 and 12 the half of them with the summing node moved.
-    """
+    """Return the path from column to summing node, and a charge source on a separate node."""
     meas = "".join(f".meas dc out{n} find i(vsum) at={n}\n" for n in range(POINTS + 2))
     meas += "".join(f".meas dc off{n} find i(vout) at={n}\n" for n in (0, 11, 12))
-    # An output current is a small difference of large ones: reltol 1e-6 leaves a part of 1e-4 of it.
-    return f"""{meas}\
-xline ibias vdd vss bias_line
-vs s 0 0
-vy y 0 0
-bix 0 x i = {12.5e-6 * k / (POINTS - 1)!r}*(v(s) < 10.5 ? v(s) : 5)
-{_COPY[topology].format(k=k)}
-vsum sum lift 0
-blift lift 0 v = v(s) < 10.5 ? 0 : (v(s) < 11.5 ? -{LIFT_V} : {LIFT_V})
-vd logic_charge 0 0
-xcharge d_charge out ibias vdd vss vdd_d vss_d charge_source{"_inverted" * (polarity(topology) < 0)}
-vout out lift 0
-.options reltol=1e-6
-.dc vs 0 12 1
-"""
+    source, step_a = "charge_source" + "_inverted" * (polarity(topology) < 0), 12.5e-6 * k / (POINTS - 1)
+    copy = _COPY[topology].format(k=k)
+    return body("extract_chain", meas=meas, step_a=step_a, copy=copy, lift_v=LIFT_V, source=source)
 
 
 def chain(topology: str, k: int, found: Found) -> list[Measured]:
@@ -177,16 +154,7 @@ def vfc_body(sign: int, k: int = 1) -> str:
         }
         meas += "".join(f".meas tran {name}_{at} find v(xdut.v_int) at={t!r}\n" for at, t in times.items())
     fast, slow = (sign * k * run["i"] for run in _RUNS.values())
-    # reltol: ten times finer than ngspice's own: a packet is a difference of levels, and 1e-3 of it is a quarter LSB.
-    return f"""\
-vpreset logic_preset 0 pwl(0 1 1u 1 1.001u 0 4.8u 0 4.801u 1 7u 1 7.001u 0)
-vcharge logic_charge 0 pwl(0 0{charge})
-iin 0 sum pwl(0 {fast} 4.9u {fast} 4.91u {slow})
-{line}
-xdut sum d_charge d_preset comp vref agnd ibias {RAILS} {dut}
-.options reltol=1e-4
-.tran 10n 13.5u
-{meas}"""
+    return body("extract_vfc", charge=charge, fast=fast, slow=slow, line=line, dut=dut, meas=meas)
 
 
 def vfc(sign: int, found: Found) -> list[Measured]:
@@ -242,18 +210,6 @@ def comparator(found: Found) -> list[Measured]:
 _WIDE = "ibias vdd vss ota pairs=320 branches=320\n"
 """Amplifier of integrator_direct, which is this much larger than that of the others."""
 
-_OFF = f"""\
-xline ibias vdd vss bias_line
-vs s 0 0
-vd logic_charge 0 0
-xcharge d_charge out ibias vdd vss vdd_d vss_d charge_source units=400
-vout out s 0
-.dc vs -{LIFT_V} {LIFT_V} {LIFT_V}
-.meas dc low find i(vout) at=-{LIFT_V}
-.meas dc none find i(vout) at=0
-.meas dc high find i(vout) at={LIFT_V}
-"""
-
 
 def _amplifier(load_pf: int, found: Found) -> list[Measured]:
     amp = amplifier(found)
@@ -298,7 +254,7 @@ def benches_of(topology: str, k: int) -> list[Bench]:
             *shared,
             (wide, partial(_amplifier, 3 * k)),
             (AMPLIFIER_OFFSET.replace(small, _WIDE), _offset),
-            (_OFF, _off),
+            (body("extract_off", lift_v=LIFT_V), _off),
         ]
     return [
         *shared,
@@ -319,8 +275,8 @@ def channels(
     found = {}
     for topology, k in wanted:
         values = []
-        for body, parameters in benches_of(topology, k):
-            known[body] = known.get(body) or measure(body, condition)
-            values += parameters(known[body])
+        for text, parameters in benches_of(topology, k):
+            known[text] = known.get(text) or measure(text, condition)
+            values += parameters(known[text])
         found[channel(topology, k)] = sorted(values, key=lambda m: list(EFFECTS).index(m.effect))
     return found
