@@ -7,12 +7,20 @@ import shutil
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
+
+import click
 
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.report import verdict
 
 SHOW = {"show_default": True}
 """Settings of the commands."""
+
+
+def number(name: str, default: int | None, help: str, low: int | None = 0, high: int | None = None) -> Any:
+    """Return an option of a command that is a whole number, with its default in the help."""
+    return click.option(name, default=default, show_default=True, type=click.IntRange(low, high), help=help)
 
 
 def tool(name: str, package: str | None = None, remedy: str | None = None) -> str:

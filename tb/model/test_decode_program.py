@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dermis.decode import crosstalk
-from tb.programs.decode import command, figures, published
+from tb.programs.decode import command, published
 
 
 @pytest.mark.parametrize(("table", "count"), [(4, 144), (6, 165)])
@@ -39,5 +39,5 @@ def test_a_solver_that_stops_early_misses_its_limit(monkeypatch: pytest.MonkeyPa
 
 
 def test_figures_are_drawn(tmp_path: Path) -> None:
-    figures.error_maps(tmp_path / "maps.png")
+    command.error_maps(tmp_path / "maps.png")
     assert (tmp_path / "maps.png").read_bytes().startswith(b"\x89PNG")

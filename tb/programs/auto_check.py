@@ -268,17 +268,13 @@ def halved_bounds(tries: int) -> verdict.Row:
     return verdict.judge("auto.mutated_bounds_caught", 1.0 - len(missed) / len(found), note)
 
 
-def _number(name: str, default: int, help: str, low: int = 0, high: int | None = None) -> Any:
-    return click.option(name, default=default, show_default=True, type=click.IntRange(low, high), help=help)
-
-
 @click.command("auto-check")
-@_number("--scenes", 1000, "Number of random scenes.", low=1)
-@_number("--seed", 0, "Random seed of the first scene.")
-@_number("--frames", 12, "Frames per scene.", low=2)
-@_number("--long", 40, "Number of scenes with 200 frames.")
-@_number("--mutants", TRIES, "Scenes per halved bound, which must show an error; 0 for none.")
-@_number("--cosim", 16, "Columns of the frame in engine cosim; 0 for none.", high=64)
+@judged.number("--scenes", 1000, "Number of random scenes.", low=1)
+@judged.number("--seed", 0, "Random seed of the first scene.")
+@judged.number("--frames", 12, "Frames per scene.", low=2)
+@judged.number("--long", 40, "Number of scenes with 200 frames.")
+@judged.number("--mutants", TRIES, "Scenes per halved bound, which must show an error; 0 for none.")
+@judged.number("--cosim", 16, "Columns of the frame in engine cosim; 0 for none.", high=64)
 def auto_check_command(scenes: int, seed: int, frames: int, long: int, mutants: int, cosim: int) -> int:
     """Random and stored scenes with auto against everything on: codes, verdicts, processor time."""
     few, refused = campaign(scenes, seed, frames, stored=True)

@@ -36,6 +36,7 @@ from dermis.records import Plan
 from dermis.report import progress, verdict
 from dermis.report.output import machine_line
 from dermis.report.verdict import Row
+from scripts import judged
 from tb.programs.bench import circuit as circuits
 from tb.programs.bench import peers
 from tb.programs.bench.circuit import Circuit, Job
@@ -419,11 +420,10 @@ def bench_command(quick: bool, repeat: int | None, only: tuple[str, ...]) -> int
         for done, section in enumerate(sections):
             tell(done, f"{section.names[0]} and {len(section.names) - 1} more")
             rows += run_section(section, m)
-    verdict.write_rows("bench", rows)
-    verdict.print_rows(rows, "Benchmark")
+    code = judged.finish("bench", rows, "Benchmark")
     broken = [row["name"] for row in rows if row["status"] == "ERROR"]
     if broken:
         click.echo(f"decks and logs of failed measurements are in {work}")
     else:
         shutil.rmtree(work, ignore_errors=True)
-    return verdict.exit_code(rows)
+    return code

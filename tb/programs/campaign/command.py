@@ -178,12 +178,10 @@ def _searched(name: str, value: float | None, note: str, total: Tally) -> verdic
 
 
 @click.command("campaign")
-@click.option(
-    "--scenes",
-    type=click.IntRange(1, 10**9),
-    help="Number of scenes; default 100000, rtl 2000, those with cosim 300.",
+@judged.number(
+    "--scenes", None, "Number of scenes; default 100000, rtl 2000, those with cosim 300.", 1, 10**9
 )
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**32 - 1), help="Random seed.")
+@judged.number("--seed", 0, "Random seed.", 0, 2**32 - 1)
 @click.option(
     "--engines",
     default="closed,event",
@@ -192,9 +190,7 @@ def _searched(name: str, value: float | None, note: str, total: Tally) -> verdic
     help="closed and event against each other and the laws; rtl or cosim against event.",
 )
 @click.option("--resume/--fresh", default=True, show_default=True, help="Continue a killed campaign.")
-@click.option(
-    "--processes", default=2, show_default=True, type=click.IntRange(1, 256), help="Worker processes."
-)
+@judged.number("--processes", 2, "Worker processes.", 1, 256)
 @click.option("--short", is_flag=True, help="Run a few scenes.")
 @click.option("--found", type=click.Path(file_okay=False), default=str(FOUND), help="Directory of new cases.")
 def campaign_command(

@@ -51,16 +51,14 @@ class Board:
         laplace -= np.diag(laplace.sum(axis=1))
         laplace[range(rows, rows + cols), range(rows, rows + cols)] += 1.0 / self.divider_ohm
         switch_s = 1.0 / max(self.multiplexer_ohm, 1e-9)
-        out = np.empty((rows, cols))
-        for r in range(rows):
-            matrix, source = laplace.copy(), np.zeros(rows + cols)
-            closed = np.arange(rows) if self.idle_rows == "held" else [r]
-            matrix[closed, closed] += switch_s
-            # A row line without any conductance is at no voltage.
-            matrix[range(rows), range(rows)] += 1e-15
-            source[r] = self.supply_v * switch_s
-            out[r] = np.linalg.solve(matrix, source)[rows:]
-        return out
+        matrix, lines = np.tile(laplace, (rows, 1, 1)), range(rows)
+        matrix[:, lines, lines] += switch_s * (
+            np.ones((rows, rows)) if self.idle_rows == "held" else np.eye(rows)
+        )
+        # A row line without any conductance is at no voltage.
+        matrix[:, lines, lines] += 1e-15
+        source = self.supply_v * switch_s * np.eye(rows, rows + cols)
+        return np.linalg.solve(matrix, source[..., None])[:, rows:, 0]
 
     def counts(self, force_n: Floats, rng: np.random.Generator) -> NDArray[np.int64]:
         """Return what the ADC reads of forces [frames, rows, cols]."""

@@ -54,10 +54,8 @@ def run(trials: Sequence[Trial], bench: Bench, jobs: int, store: Checkpoint) -> 
 @click.command("faults")
 @click.option("--only", multiple=True, metavar="WORD", help="Trials with a word in their name (repeatable).")
 @click.option("--runs", type=click.IntRange(1), help="Number of trials, spread over those chosen.")
-@click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed for fault times."
-)
-@click.option("--jobs", type=click.IntRange(1, 64), default=2, show_default=True, help="Trials at a time.")
+@judged.number("--seed", 0, "Random seed for fault times.")
+@judged.number("--jobs", 2, "Trials at a time.", 1, 64)
 @click.option("--fresh", is_flag=True, help="Ignore the rows of an interrupted run.")
 @click.option("--list", "listed", is_flag=True, help="Print the names of the trials and run nothing.")
 def faults_command(

@@ -172,11 +172,9 @@ def tasks_of(names: Sequence[str], inputs: int | None, seed: int) -> list[worker
 
 @click.command("fuzz")
 @click.option("--only", multiple=True, type=click.Choice(list(INPUTS)), help="Targets (repeatable).")
-@click.option(
-    "--inputs", type=click.IntRange(1, 10**9), help=f"Inputs of all targets; default {sum(INPUTS.values())}."
-)
-@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Random seed.")
-@click.option("--jobs", type=click.IntRange(1, 64), default=2, show_default=True, help="Worker processes.")
+@judged.number("--inputs", None, f"Inputs of all targets; default {sum(INPUTS.values())}.", 1, 10**9)
+@judged.number("--seed", 0, "Random seed.", 0, 10**6)
+@judged.number("--jobs", 2, "Worker processes.", 1, 64)
 def fuzz_command(only: tuple[str, ...], inputs: int | None, seed: int, jobs: int) -> int:
     """Give hostile input to everything that reads; rows in build/fuzz.json.
 
