@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`dermis sweep`: resistance against frequency for the four interfaces, csv and figures."""
 
-import csv
-import io
 import math
 import os
 from collections.abc import Callable, Iterable, Sequence
@@ -11,6 +9,7 @@ from typing import Any
 
 import click
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
 from dermis.converter import vfc
@@ -42,11 +41,7 @@ def table(curves: Sequence[Curve]) -> str:
             line |= {"f_eq3_hz": hz / curve.period_eq3_clocks[i], "pulses_eq3": curve.pulses_eq3[i]}
             line |= {f"physical_{name}": value for name, value in real.items()}
             lines.append({name: _cell(value) for name, value in line.items()})
-    text = io.StringIO()
-    writer = csv.DictWriter(text, lines[0], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(lines)
-    return text.getvalue()
+    return pd.DataFrame(lines).to_csv(index=False)
 
 
 def _cell(value: Any) -> Any:
