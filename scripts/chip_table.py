@@ -29,11 +29,6 @@ from scripts.characterise.benches import BENCHES, Condition
 from scripts.judged import finish
 from scripts.schematics.command import DEVICES, Subckt, written
 
-CONDITIONS = tuple(
-    Condition(corner, celsius)
-    for corner, celsius in (("tt", 27.0), ("ss", -40.0), ("ff", 125.0), ("sf", 27.0), ("fs", 27.0))
-)
-"""Those of models/extracted, typical first."""
 LOADS = {"taxel": 1, "row": 16}
 """Columns that are pressed alike in the driven row."""
 ROUNDS, AROUND = 18, 24.0
@@ -215,14 +210,14 @@ def table(rows: Sequence[verdict.Row]) -> str:
 def datasheet_command(docs: bool) -> int:
     """The chip in transistors in one table: offset, gain, INL, DNL, noise, ENOB, supply rejection, power, area."""
     values: dict[str, dict[str, float]] = {}
-    with progress.slots("datasheet", len(CONDITIONS), "conditions") as tell:
-        for done, at in enumerate(CONDITIONS, 1):
+    with progress.slots("datasheet", len(runs.EXTRACTED), "conditions") as tell:
+        for done, at in enumerate(runs.EXTRACTED, 1):
             ratios = sky130.MIRROR_RATIOS if at.corner in ("tt", "ss", "ff") else (80,)
             for found in (*(ratio(at, k) for k in ratios), whole(at)):
                 for name, value in found.items():
                     values.setdefault(name, {})[at.at] = value
             tell(done)
-    values["chip.area_mm2"] = {CONDITIONS[0].at: 1e-6 * area_um2(written(), "dermis_analog_front_end")}
+    values["chip.area_mm2"] = {runs.TYPICAL.at: 1e-6 * area_um2(written(), "dermis_analog_front_end")}
     rows = rows_of(dict(sorted(values.items())))
     title = "The chip in transistors: a taxel alone (taxel), 16 of a row alike (row)"
     code = finish("datasheet", rows, title)

@@ -2,7 +2,6 @@
 """`dermis sim`: whole frames through Verilog and ngspice, judged against the exact count."""
 
 import contextlib
-import hashlib
 import os
 import re
 from collections.abc import Callable
@@ -27,7 +26,7 @@ from dermis.report.comparison import compare, fit_residual
 from dermis.scene.design import ROOT
 from dermis.scene.scene import SCENES, from_data
 from scripts import cosims
-from scripts.judged import SHOW, finish
+from scripts.judged import SHOW, digest, finish
 
 OUT = ROOT / "build" / "sim"
 
@@ -74,7 +73,7 @@ def frame_file_case(
     if not path.is_file() or path.suffix.lower() not in (".csv", ".npy", ".npz"):
         raise InputError("command line", "--frames", str(path), "a .csv, .npy or .npz file that can be read")
     # The name depends on the file and the options, so that two parallel runs do not share a scene.
-    asked = hashlib.sha256(repr((path.resolve(), select, unit, key, rows, cols)).encode()).hexdigest()[:12]
+    asked = digest((), path.resolve(), select, unit, key, rows, cols)[:12]
     scene = ROOT / "build" / "frame_files" / f"{path.stem}_{asked}.toml"
     chosen: str | list[int] = "all" if select == "spread" else select
     if select not in ("spread", "all", "first", "last"):

@@ -150,6 +150,8 @@ def measured(body: str, condition: Condition, blocks: Path | None = None) -> dic
 CELSIUS = (-40.0, 27.0, 125.0)
 SUPPLIES = (0.9, 1.0, 1.1)
 TYPICAL = Condition()
+EXTRACTED = TYPICAL, *(Condition(*at) for at in (("ss", -40.0), ("ff", 125.0), ("sf", 27.0), ("fs", 27.0)))
+"""Conditions of models/extracted: typical, slow and fast at their worse temperature, both skews."""
 
 EXTREMES = (TYPICAL, Condition("ss", -40.0, 0.9), Condition("ff", 125.0, 1.1))
 """Conditions of the numerical checks and of `--short`: typical, slowest and fastest."""

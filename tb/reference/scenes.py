@@ -5,7 +5,6 @@
 its files and loads the scene. `of_resistances` makes a scene of given taxels.
 """
 
-import dataclasses
 import functools
 import math
 import random
@@ -104,19 +103,14 @@ def _exactly(rows: int, cols: int) -> tuple[tuple[int, int], tuple[int, int]]:
 
 _RARE = {_exactly(*size): 1e-3 for size in ((1, 256), (256, 1), (64, 3), (3, 64), (32, 32))}
 _SMALL, _LARGE = {((1, 3), (1, 3)): 1.0}, {_exactly(16, 16): 1.0, ((3, 19), (3, 19)): 1.0}
-_PLAIN = Profile(_SMALL, (1,), plain=True, designs=False)
+# A Verilog build serves one size: few sizes keep a campaign from compiling all the time.
+_FEW = {_exactly(*size): 1.0 for size in ((1, 1), (1, 5), (4, 1), (2, 3), (3, 3), (5, 4), (8, 8))}
 PROFILES = {
     "closed,event": Profile(
         {((1, 4), (1, 4)): 0.55, ((1, 9), (1, 9)): 0.4, ((1, 20), (1, 20)): 0.045, **_RARE}, auto=0.15
     ),
-    # A Verilog build serves one size: few sizes keep a campaign from compiling all the time.
-    "rtl": dataclasses.replace(
-        _PLAIN,
-        sizes={_exactly(*s): 1.0 for s in ((1, 1), (1, 5), (4, 1), (2, 3), (3, 3), (5, 4), (8, 8))},
-        frames=(1, 1, 2, 3, 5),
-        designs=True,
-    ),
-    "cosim": _PLAIN,
+    "rtl": Profile(_FEW, plain=True),
+    "cosim": Profile(_SMALL, (1,), plain=True, designs=False),
     "auto": Profile(_LARGE, (24,), designs=False, often=(0.7,), auto=1.0, budgets=(0.0,), gentle=True),
 }
 """Limits by engines of `dermis campaign`, and "auto" for comparisons of `auto` with everything on."""

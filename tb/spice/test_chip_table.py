@@ -10,7 +10,7 @@ import pytest
 from dermis import engines
 from dermis.scene.extracted import CIRCUIT
 from scripts import chip_table
-from scripts.chip_table import CONDITIONS
+from scripts.characterise.runs import TYPICAL
 from scripts.schematics.command import parse, written
 
 IDEAL = np.arange(255) + 0.5
@@ -42,7 +42,7 @@ def test_transitions_are_those_of_a_fine_ramp(k: int, cols: int) -> None:
     A late comparator lets a code go back by one within a seventh of a step, so which of its edges bisection finds is
     open (docs/datasheet.md).
     """
-    made = chip_table.chip(CONDITIONS[0], k, cols)
+    made = chip_table.chip(TYPICAL, k, cols)
     at = chip_table.transitions(made, k)
     ramp = np.linspace(0.5, 250.0, 8192) * chip_table.step_s(k)
     ohm = np.broadcast_to((1.0 / ramp)[:, None, None], (ramp.size, 1, cols))
@@ -56,14 +56,14 @@ def test_transitions_are_those_of_a_fine_ramp(k: int, cols: int) -> None:
 
 
 def test_decoding_takes_out_what_a_row_does_and_nothing_else() -> None:
-    made = chip_table.chip(CONDITIONS[0], 80, 16)
-    one = chip_table.transitions(chip_table.chip(CONDITIONS[0], 80, 1), 80) / chip_table.step_s(80)
+    made = chip_table.chip(TYPICAL, 80, 16)
+    one = chip_table.transitions(chip_table.chip(TYPICAL, 80, 1), 80) / chip_table.step_s(80)
     row = chip_table.transitions(made, 80) / chip_table.step_s(80)
     raw, after = (chip_table.static(at, 0.0)[0] for at in (row, chip_table.decoded(made, 80, row, one)))
     assert raw > 1.0
     assert after < 0.2
     # With the network of one taxel nothing of the row is taken out.
-    alone = chip_table.chip(CONDITIONS[0], 80, 1)
+    alone = chip_table.chip(TYPICAL, 80, 1)
     assert chip_table.static(chip_table.decoded(alone, 80, row, one), 0.0)[0] > 1.0
 
 

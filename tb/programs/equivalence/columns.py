@@ -6,7 +6,6 @@ next row after a preset of full length. The synchronizer is that of tb/reference
 apart from the Verilog, which has its own proofs. A column runs once: its record is stored under the hash of its deck.
 """
 
-import hashlib
 import math
 import os
 from collections.abc import Sequence
@@ -29,7 +28,7 @@ from scripts import workers
 from scripts.characterise import runs
 from scripts.characterise.benches import SUPPLY_V, Condition
 from scripts.checkpoint import Checkpoint
-from scripts.judged import SHOW
+from scripts.judged import SHOW, digest
 from tb.reference.chip import Synchronizer
 
 WORK = ROOT / "build" / "equivalence"
@@ -182,8 +181,7 @@ def records(
 
     They are kept in `work` under the title; with `fresh` none from before is used.
     """
-    sources = (Path(__file__), ngspice.SOURCE, Path(ngspice.__file__))
-    stamp = hashlib.sha256(b"".join(f.read_bytes() for f in sources)).hexdigest()[:16]
+    stamp = digest((Path(__file__), ngspice.SOURCE, Path(ngspice.__file__)))
     store = Checkpoint(work / f"{title}.json", stamp, fresh=fresh)
     tasks = {}
     for c in columns:

@@ -2,8 +2,6 @@
 """`dermis extract` writes the parameters of the channels in transistors; `dermis equivalence` tests them."""
 
 import dataclasses
-import hashlib
-import json
 from collections.abc import Iterable, Sequence
 
 import click
@@ -37,8 +35,8 @@ def extract_command(check: bool) -> int:
     typical = runs.Runs(runs.Job(name, runs.TYPICAL) for name in BENCHES)
     typical.run(2, lambda done: None)
     results.record(typical.outcomes)
-    with progress.slots("extract", len(gate.CONDITIONS), "conditions") as tell:
-        for done, at in enumerate(gate.CONDITIONS, 1):
+    with progress.slots("extract", len(runs.EXTRACTED), "conditions") as tell:
+        for done, at in enumerate(runs.EXTRACTED, 1):
             wanted = [(case.topology, case.k) for case in gate.everything() if case.condition == at]
             path = extracted.write(at.corner, at.celsius, extract.channels(at, wanted, runs.measured))
             click.echo(f"{path.relative_to(ROOT)}")
@@ -56,7 +54,7 @@ def chosen(names: Iterable[str], only: Sequence[str], allowed: str = "") -> list
 
 def stale_row() -> Row:
     """Judge how many files are missing or older than the circuit, with the reasons."""
-    paths = [extracted.path_of(at.corner, at.celsius) for at in gate.CONDITIONS]
+    paths = [extracted.path_of(at.corner, at.celsius) for at in runs.EXTRACTED]
     why = [extracted.stale(p) if p.exists() else f"{p.name}: missing" for p in paths]
     return verdict.judge("equivalence.stale_files", sum(map(bool, why)), "; ".join(filter(None, why)))
 
@@ -119,7 +117,7 @@ def rule_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
     """Put the faults of every rule to the benches: a row for each that passes, and the share of the others."""
     every = {fault.name: fault for fault in faults.by_rule()}
     asked = [every[name] for name in chosen(every, only)]
-    stamp = hashlib.sha256(json.dumps([extracted.circuit_digests(), faults.digest()]).encode()).hexdigest()
+    stamp = judged.digest((), extracted.circuit_digests(), faults.digest())
     kept = Checkpoint(columns.WORK / "rules.json", stamp, fresh=fresh)
     work, limit_s = columns.WORK / "rules", faults.TASK_LIMIT_S
     tasks = {fault.name: workers.Task(faults.noticed, (fault, work), limit_s) for fault in asked}

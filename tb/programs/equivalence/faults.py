@@ -6,7 +6,6 @@ record, does not end, or takes a transistor outside its class: what `make charac
 made in the front end of two rows and columns; a test counts the cells of its pads (tb/spice/test_front_end.py).
 """
 
-import hashlib
 import re
 import shutil
 import tomllib
@@ -19,6 +18,7 @@ from dermis.chip import sky130
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.scene.extracted import CIRCUIT
+from scripts import judged
 from scripts.characterise import results, runs
 from scripts.characterise.benches import BENCHES
 from scripts.schematics.command import parse, undrawable
@@ -165,9 +165,8 @@ def noticed(fault: Fault, folder: Path) -> str:
 
 def digest() -> str:
     """Return the digest of what decides about a fault, besides the circuit."""
-    texts = [path.read_text(encoding="utf-8") for path in (Path(__file__), _TABLES, results.RECORD)]
-    texts += [deck for _, (deck, _) in sorted(_reach().items())]
-    return hashlib.sha256("".join(texts).encode()).hexdigest()
+    decks = sorted((name, deck) for name, (deck, _) in _reach().items())
+    return judged.digest((Path(__file__), _TABLES, results.RECORD), *decks)
 
 
 def reason(name: str) -> str:

@@ -24,6 +24,7 @@ from dermis.records import Plan
 from dermis.scene import design as design_module
 from dermis.scene.design import TOPOLOGIES
 from scripts.characterise.benches import Condition
+from scripts.characterise.runs import EXTRACTED, TYPICAL
 from tb.programs.equivalence.columns import Column, Slot, deck_of
 from tb.reference import scenes
 
@@ -34,9 +35,6 @@ first slot after power-on the offset null settles; it is read like any other, an
 SETTLING_ROWS = 1
 
 CLOCKS = 64  # length of the short gate
-TYPICAL = Condition()
-CONDITIONS = TYPICAL, *(Condition(*at) for at in (("ss", -40.0), ("ff", 125.0), ("sf", 27.0), ("fs", 27.0)))
-"""Extracted conditions: typical, slow and fast at their worse temperature, both skews."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ def everything() -> list[Case]:
     Every channel at k = 80 and every range of Fig. 5a at three corners, both supplies and both ends of resistors and
     capacitors there, the skews once.
     """
-    corners, skews = CONDITIONS[:3], CONDITIONS[3:]
+    corners, skews = EXTRACTED[:3], EXTRACTED[3:]
     supplies = [dataclasses.replace(at, supply=s) for at in corners for s in (0.9, 1.1)]
     ends = [dataclasses.replace(at, corner=f"{at.corner}_{end}") for at in corners for end in ("low", "high")]
     return [
