@@ -49,11 +49,6 @@ def count(x: Duty, gate_clocks: int, count_bits: int, w_preset: Duty = (-1, 2)) 
     return min(2**count_bits - 1, sum(ones(x, gate_clocks, w_preset)))
 
 
-def duty_of_resistance(r_ohm: Duty) -> Duty:
-    """Duty of a taxel in the paper's design: V_b / (k i0) is 250 ohm, so x = 250 / R."""
-    return (250 * r_ohm[1], r_ohm[0])
-
-
 FULL_SCALE: Duty = (1, 2)
 
 

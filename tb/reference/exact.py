@@ -19,7 +19,7 @@ import mpmath
 from dermis.converter.vfc import count_exact
 from tb.reference.converter_walk import walk_reference
 
-DIGITS = 50
+DIGITS, F_CLK_HZ = 50, 5_000_000
 
 IDEAL: dict[str, Any] = {
     "x": 0, "leak": 0, "w0": Fraction(-1, 2), "packet": 1, "rise": 0, "fall": 0,
@@ -54,9 +54,7 @@ def _count(cell: Mapping[str, Any], clocks: int, late: float) -> int:
     return sum(walk_reference({**cell, "x": x}, clocks, late, DIGITS).bits)
 
 
-def cell_of(
-    x: float, effects: Mapping[str, Any], interface: Mapping[str, Any], f_clk_hz: float = 5e6
-) -> dict[str, Any]:
+def cell_of(x: float, effects: Mapping[str, Any], interface: Mapping[str, Any]) -> dict[str, Any]:
     """Return the converter of a scene with duty `x` in packets and clocks, derived without the package.
 
     Effects and interface are as in a scene (conveyor_mirror, where stored charge drives the output down).
@@ -66,7 +64,7 @@ def cell_of(
     the output follow in 1 / (2 pi g) A / (1 + A). A level in volt is one of the output.
     """
     i0, c_int = Fraction(interface.get("i0_a", 25e-6)), Fraction(interface.get("c_int_f", 5e-12))
-    packet_v = i0 / Fraction(f_clk_hz) / c_int
+    packet_v = i0 / F_CLK_HZ / c_int
 
     def value(effect: str, key: str) -> Fraction:
         return Fraction(effects[effect][key]) if effect in effects else Fraction(0)
@@ -81,16 +79,16 @@ def cell_of(
     cell["packet"] = 1 + value("charge_packet", "packet_error")
     cell["rise"] = (value("comparator_offset", "v_v") + window / 2) / level_v
     cell["fall"] = (value("comparator_offset", "v_v") - window / 2) / level_v
-    cell["delay"] = value("comparator_delay", "t_s") * Fraction(f_clk_hz)
+    cell["delay"] = value("comparator_delay", "t_s") * F_CLK_HZ
     if "integrator_range" in effects:
         cell["low"] = -value("integrator_range", "v_max_v") / level_v
         cell["high"] = -value("integrator_range", "v_min_v") / level_v
         cell["w0"] = min(max(cell["w0"], cell["low"]), cell["high"])
     if gain is not None:
-        per_clock = 1 / value("integrator_gain", "r_in_ohm") / c_int / Fraction(f_clk_hz)
+        per_clock = 1 / value("integrator_gain", "r_in_ohm") / c_int / F_CLK_HZ
         cell["across"], cell["leak"] = per_clock, per_clock * (1 - share)
     if "integrator_bandwidth" in effects:
         with mpmath.workdps(DIGITS):
             gbw = mpmath.mpf(value("integrator_bandwidth", "gbw_hz"))
-            cell["lag"] = mpmath.mpf(share * Fraction(f_clk_hz)) / (2 * mpmath.pi * gbw)
+            cell["lag"] = mpmath.mpf(share * F_CLK_HZ) / (2 * mpmath.pi * gbw)
     return cell

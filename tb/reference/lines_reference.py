@@ -55,7 +55,7 @@ def settles(
     exact = mpmath.mpf
     names = ("r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm")
     series = {name: np.maximum(getattr(network, name), 1e-13) for name in names}
-    elements, held, injected = nodal.elements(dataclasses.replace(network, **series), driven, exact)
+    elements, held, injected = nodal.elements(dataclasses.replace(network, **series), driven)
     nodes = [("row", r) for r in range(network.rows)] + [("column", k) for k in range(network.cols)]
     g, push = map(mpmath.matrix, nodal.kirchhoff(elements, held, injected, nodes))
     for r in range(network.rows):

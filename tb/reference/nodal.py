@@ -6,7 +6,7 @@ Nothing is reduced, reused or shared with dermis.array.array but the meaning of 
 over mpmath's numbers.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import mpmath
@@ -56,11 +56,9 @@ def column_currents(
     return np.array(rows, dtype=float)
 
 
-def elements(
-    network: Network, driven: int | None, exact: Callable[[Any], Any]
-) -> tuple[list[Element], dict[Node, Any], dict[Node, Any]]:
+def elements(network: Network, driven: int | None) -> tuple[list[Element], dict[Node, Any], dict[Node, Any]]:
     """Return elements (node, node, conductance), voltages of nodes that are held, injected currents."""
-    rows, cols, zero = network.rows, network.cols, exact(0)
+    rows, cols, exact = network.rows, network.cols, mpmath.mpf
 
     # After its driver a row line is ("row", r), before its input a column ("column", c).
     def on_row(r: int, c: int) -> Node:
@@ -83,13 +81,13 @@ def elements(
     def ground(node: Node, resistance_ohm: float) -> None:
         """Connect a grounded row to the return that these rows share."""
         if not network.r_return_ohm:
-            feed(node, resistance_ohm, zero)
+            feed(node, resistance_ohm, exact(0))
         elif resistance_ohm != np.inf:
             g = 1 / exact(float(resistance_ohm)) if resistance_ohm else exact(SHORT_S)
             found.append((node, ("return",), g))
 
     if network.r_return_ohm:
-        feed(("return",), network.r_return_ohm, zero)
+        feed(("return",), network.r_return_ohm, exact(0))
     for r in range(rows):
         if r == driven:
             feed(("row", r), network.r_row_driven_ohm, exact(float(network.v_bias_v)))
@@ -160,18 +158,16 @@ def gauss(matrix: list[list[Any]], right: list[Any]) -> list[Any]:
     return x
 
 
-def slot_currents(
-    network: Network, driven: int, exact: Callable[[Any], Any] = mpmath.mpf, solve: Callable[..., Any] = gauss
-) -> list[Any]:
-    """Return column currents while one row is driven, in the numbers that `exact` makes and `solve` takes."""
-    found, known, injected = elements(network, driven, exact)
+def slot_currents(network: Network, driven: int) -> list[Any]:
+    """Return column currents while one row is driven."""
+    found, known, injected = elements(network, driven)
     voltage = dict(known)
     # Unconnected nodes carry no current: only nodes tied to a source count.
     tied = set(known)
     while more := {n for a, b, _ in found if a in tied or b in tied for n in (a, b)} - tied:
         tied |= more
     free = list(dict.fromkeys(n for a, b, _ in found for n in (a, b) if n in tied and n not in known))
-    voltage |= dict(zip(free, solve(*kirchhoff(found, known, injected, free)), strict=True))
+    voltage |= dict(zip(free, gauss(*kirchhoff(found, known, injected, free)), strict=True))
 
     currents = []
     for c in range(network.cols):
@@ -180,7 +176,7 @@ def slot_currents(
             ends = ((b if a == node else a, g) for a, b, g in found if node in (a, b))
             total = injected[node] + sum(g * (voltage[other] - voltage[node]) for other, g in ends)
         else:
-            held = exact(float(network.v_column_offset_v[c]))
-            total = (voltage[node] - held) / exact(float(network.r_column_ohm[c]))
+            held = mpmath.mpf(float(network.v_column_offset_v[c]))
+            total = (voltage[node] - held) / mpmath.mpf(float(network.r_column_ohm[c]))
         currents.append(total)
     return currents

@@ -38,7 +38,7 @@ def extract_command(check: bool) -> int:
     with progress.slots("extract", len(runs.EXTRACTED), "conditions") as tell:
         for done, at in enumerate(runs.EXTRACTED, 1):
             wanted = [(case.topology, case.k) for case in gate.everything() if case.condition == at]
-            path = extracted.write(at.corner, at.celsius, extract.channels(at, wanted, runs.measured))
+            path = extracted.write(at.corner, at.celsius, extract.channels(at, wanted))
             click.echo(f"{path.relative_to(ROOT)}")
             tell(done, f"after {path.name}")
     return 0

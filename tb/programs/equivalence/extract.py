@@ -13,6 +13,7 @@ import numpy as np
 
 from dermis.effects import EFFECTS
 from dermis.scene.extracted import Measured, channel
+from scripts.characterise import runs
 from scripts.characterise.benches import (
     AMPLIFIER,
     AMPLIFIER_OFFSET,
@@ -25,8 +26,7 @@ from scripts.characterise.benches import (
 )
 
 Found = Mapping[str, float]
-Measure = Callable[[str, Condition], Found]
-"""Runs the body of a deck at a condition and returns its `.meas`."""
+"""Results of the `.meas` of a deck."""
 
 Bench = tuple[str, Callable[[Found], list[Measured]]]
 
@@ -264,9 +264,7 @@ def benches_of(topology: str, k: int) -> list[Bench]:
     ]
 
 
-def channels(
-    condition: Condition, wanted: Iterable[tuple[str, int]], measure: Measure
-) -> dict[str, list[Measured]]:
+def channels(condition: Condition, wanted: Iterable[tuple[str, int]]) -> dict[str, list[Measured]]:
     """Return the parameters of channels, each a topology and k, at a condition, in the order of the effects.
 
     A deck that several channels have is measured once.
@@ -276,7 +274,7 @@ def channels(
     for topology, k in wanted:
         values = []
         for text, parameters in benches_of(topology, k):
-            known[text] = known.get(text) or measure(text, condition)
+            known[text] = known.get(text) or runs.measured(text, condition)
             values += parameters(known[text])
         found[channel(topology, k)] = sorted(values, key=lambda m: list(EFFECTS).index(m.effect))
     return found

@@ -14,7 +14,7 @@ from rtl_run import simulate
 from dermis.chip.hdl import gate_min
 from dermis.chip.sources import rtl_include_dirs, rtl_sources
 from scripts.lint import header_values
-from tb.reference.chip import SHORT, Duty, count, duty_of_resistance, ones
+from tb.reference.chip import SHORT, Duty, count, ones
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -77,7 +77,7 @@ def boundaries() -> tuple[list[Duty], list[int]]:
 
 def overloads() -> tuple[list[Duty], list[int]]:
     """Duties from just above 1/2 to a short circuit in every other row; small codes between them."""
-    over = [(1001, 2000), (2, 3), duty_of_resistance((312, 1)), (1, 1), (3, 2), (100, 1), SHORT, (256, 510)]
+    over = [(1001, 2000), (2, 3), (250, 312), (1, 1), (3, 2), (100, 1), SHORT, (256, 510)]
     small = [(r + c) % 4 for r in range(16) for c in range(16)]
     rows = [n // 16 for n in range(256)]
     x = [over[(r // 2 + n) % 8] if r % 2 == 0 else (small[n], 510) for n, r in enumerate(rows)]

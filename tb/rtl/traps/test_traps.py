@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 from rtl_run import changed, simulate
 
-from tb.reference.chip import Duty, duty_of_resistance
+from tb.reference.chip import Duty
 
 pytestmark = pytest.mark.timeout(120)
 
 HALF: Duty = (1, 2)  # 500 ohm
-OVER, TWO = duty_of_resistance((312, 1)), (2, 510)
+OVER, TWO = (250, 312), (2, 510)  # 312 ohm, where V_b / (k i0) is 250 ohm
 DUTIES: list[Duty] = [HALF, (200, 510), (100, 510), (10, 510)]
 # Stored charge at t0, over a whole packet.
 PHASES: list[Duty] = [(-n, 16) for n in range(16, 0, -1)]
