@@ -91,18 +91,24 @@ def fault(case: Case, directory: Path) -> str | None:
     return None
 
 
+Name = Callable[[int, int], str]
+"""Name of a taxel by row and column."""
+Lead = dict[str, Sequence[str]]
+"""Columns of cells by name."""
+
+
 def cells(values: Iterable[float], point: str = ".") -> list[str]:
     """Return numbers as text, with their decimal point."""
     return [f"{v:g}".replace(".", point) for v in values]
 
 
 def table(
-    name: Callable[[int, int], str] | None,
-    lead: dict[str, Sequence[str]] | None = None,
+    name: Name | None,
+    lead: Lead | None = None,
     order: str = "rows",
     mark: str = ",",
     point: str = ".",
-    middle: dict[str, Sequence[str]] | None = None,
+    middle: Lead | None = None,
     frames: Floats = FRAMES,
 ) -> str:
     """Return a text with a frame a line: columns `lead`, the taxels by `order`, and columns amid the taxels."""
@@ -252,7 +258,7 @@ def npz(made: dict[str, Any], options: dict[str, Any], **told: Any) -> Case:
     return Case(lambda path: np.savez(path, **made), options, file="a.npz", **told)
 
 
-def columns(name: Callable[[int, int], str], order: str = "rows") -> dict[str, Floats]:
+def columns(name: Name, order: str = "rows") -> dict[str, Floats]:
     """Return the columns of the taxels by name in an order of `files.ordered`."""
     return {name(*at): FRAMES[:, *at] for at in files.ordered(list(np.ndindex(ROWS, COLS)), order, name)}
 
@@ -314,6 +320,7 @@ def single(frame: Floats) -> NDArray[np.float32]:
     return frame.astype("f4").ravel()
 
 
+Made = Callable[[Floats], NDArray[Any]]
 Topic = tuple[str, Sequence[Any]]
 """Type of the messages of a topic, and the messages."""
 
@@ -322,12 +329,7 @@ def messages(kind: str, made: Callable[[int, Any], Any], frames: Floats = FRAMES
     return kind, [made(ns, f) for ns, f in zip(STAMPS, frames, strict=True)]
 
 
-def arrays(
-    kind: str,
-    made: Callable[[Floats], NDArray[Any]],
-    dims: Sequence[tuple[str, int, int]] = (),
-    offset: int = 0,
-) -> Topic:
+def arrays(kind: str, made: Made, dims: Sequence[tuple[str, int, int]] = (), offset: int = 0) -> Topic:
     """Return multi-arrays of the known recording, in hundredths for whole numbers."""
     told = [T["std_msgs/msg/MultiArrayDimension"](*d) for d in dims]
     layout, name = T["std_msgs/msg/MultiArrayLayout"](told, offset), f"std_msgs/msg/{kind}MultiArray"
@@ -335,7 +337,7 @@ def arrays(
     return messages(name, lambda _, f: T[name](layout, made(f)), frames)
 
 
-def images(made: Callable[[Floats], NDArray[Any]], encoding: str, pad: int = 0) -> Topic:
+def images(made: Made, encoding: str, pad: int = 0) -> Topic:
     """Return images [rows, cols] or [rows, cols, channels], in hundredths for whole numbers, rows padded by bytes."""
     name = "sensor_msgs/msg/Image"
 
@@ -378,16 +380,14 @@ def every(form: str, step: int = 20) -> list[str]:
     return [form.format(step * n) for n in range(COUNT)]
 
 
-def csv(
-    name: Callable[[int, int], str] | None, lead: dict[str, Sequence[str]] | None = None, **told: Any
-) -> Case:
+def csv(name: Name | None, lead: Lead | None = None, **told: Any) -> Case:
     """Return the case of a csv: of a known size, and of a known rate if no column is a time, if not told otherwise."""
     options = SIZE if "time" in " ".join(lead or {}).lower() else SIZE | RATE
     made = {key: told.pop(key) for key in ("order", "mark", "point", "middle", "frames") if key in told}
     return Case(table(name, lead, **made), **({"options": options} | told))
 
 
-def by_time(name: Callable[[int, int], str], order: str = "rows", **told: Any) -> Case:
+def by_time(name: Name, order: str = "rows", **told: Any) -> Case:
     """Return the case of a csv with a column of time, and no option unless given."""
     return csv(name, {"time": seconds()}, order=order, **({"options": {}} | told))
 
@@ -402,7 +402,6 @@ LINES_LOST = "\n".join(LINES[:4] + LINES[5:])
 UNITS = ",".join(["ms"] + ["psi"] * ROWS * COLS)
 WITH_UNITS = table(flat, {"time": seconds(1e3)}).replace("\n", f"\n{UNITS}\n", 1)
 INDEX = {"": every("{}", 1)}
-SUM = {"sum": ["7"] * COUNT, "time": seconds()}
 IMU = {"imu_0": ["5"] * COUNT, "imu_1": ["6"] * COUNT}
 ROS = {"%time": list(map(str, STAMPS)), "field.header.seq": INDEX[""]}
 ROS["field.header.frame_id"] = ["palm"] * COUNT
@@ -417,16 +416,10 @@ CLOCK_MS["ms"] = DATE_CLOCK_MS["ms"]
 WRAPPED = {"time_us": [str((2**32 - 50_000 + 20_000 * n) % 2**32) for n in range(COUNT)]}
 LIST = "".join(f'{t:.2f},"[{", ".join(cells(f.ravel()))}]"\n' for t, f in zip(TIME, FRAMES, strict=True))
 QUOTED = table(flat, {"time": seconds()}, mark='","').strip().replace("\n", '"\n"')
-KPA25 = {"unit": "kpa", "area_mm2": 25.0}
 LOST_LINE = np.delete(FRAMES, 4, 0), np.delete(TIME, 4)
 LOST_ROWS = [(7, 3), (8, 0)]
-BLANK_LINES = table(None).replace("\n", "\r\n\r\n")
-STRIDES = arrays("Float64", np.ravel, [("rows", 4, 6), ("cols", 6, 1)])
 OVERLAP = arrays("Float64", np.ravel, [("rows", 4, 3), ("cols", 6, 3)])
 TWICE = arrays("Float64", lambda f: np.r_[f, f].ravel(), DIMS)
-RGB = images(lambda f: np.zeros((4, 6, 3), "u1"), "rgb8")
-SINGLES = images(lambda f: f.astype("<f4"), "32FC1")
-PADDED = arrays("Int16", padded, [("y", 4, 32), ("x", 6, 8)], 2)
 SOME_NAMES = {"t": TIME, **columns(lambda r, c: flat(r, c) if r < 3 else f"p{r * COLS + c + 5}")}
 HEARD_S = (np.array(LATE) - LATE[0]) * 1e-9
 
@@ -469,7 +462,6 @@ HELD[3, 0, 5] = FRAMES[2, 0, 5]
 NAMED = {"force": FRAMES, "time_ms": 20 * np.arange(COUNT)}
 SECONDS = dict(zip(("sec", "nanosec"), np.divmod(STAMPS, 10**9), strict=True))
 FEW_DIGITS = np.float32(1.7e9 + 200 * np.arange(COUNT))
-UNITS_COMMENT = "# time unit: s\n# unit: mN\n" + table(None)
 
 CASES: dict[str, Case] = {
     # What readers from outside found: read wrongly without a word, or refused without saying why.
@@ -487,7 +479,7 @@ CASES: dict[str, Case] = {
     "a name of a month": csv(flat, {"time": every("04-Mar-2024 10:00:00.{:03d}")}),
     "a date and time in digits": csv(flat, {"timestamp": every("20240304100000.{:03d}")}),
     "an index of dates": csv(flat, {"": every("2024-03-04 10:00:00.{:03d}")}, options=SIZE),
-    "a unit in a comment": Case(UNITS_COMMENT, SIZE | RATE, **NEWTONS),
+    "a unit in a comment": Case("# time unit: s\n# unit: mN\n" + table(None), SIZE | RATE, **NEWTONS),
     "a unit in a sentence": Case("# forces in mN\n" + table(None), SIZE | RATE, **NEWTONS),
     "two units in comments": Case("# unit: N\n# unit: mN\n" + table(None), SIZE | RATE, says="several units"),
     "names with a comma": csv(lambda r, c: f'"p[{r},{c}]"', {"t": seconds()}, options={}),
@@ -603,7 +595,7 @@ CASES: dict[str, Case] = {
     "numbers and an index": csv(lambda r, c: flat(r, c, ""), INDEX),
     "names of some": by_time(lambda r, c: flat(r, c) if (r, c) != (2, 2) else "q", asks="--taxels"),
     "two arrays in names": by_time(lambda r, c: f"{'lr'[r % 2]}_{r // 2 * COLS + c}", asks="--part"),
-    "columns amid taxels": csv(flat, SUM, middle=IMU),
+    "columns amid taxels": csv(flat, {"sum": ["7"] * COUNT, "time": seconds()}, middle=IMU),
     "names of a ROS export": csv(lambda r, c: flat(r, c, "field.data"), ROS),
     "spaces": csv(None, mark="  "),
     "semicolons, decimal commas": csv(None, mark=";", point=","),
@@ -652,7 +644,7 @@ CASES: dict[str, Case] = {
         for coding in ("utf-16-le", "utf-16-be", "utf-32", "utf-8-sig")
     },
     "Latin-1": Case(table(flat, {"°": ["1"] * COUNT, "t": seconds()}).encode("latin-1"), SIZE),
-    "a byte order mark, blank lines": Case("\ufeff" + BLANK_LINES, SIZE | RATE),
+    "a byte order mark, blank lines": Case("\ufeff" + table(None).replace("\n", "\r\n\r\n"), SIZE | RATE),
     "quoted cells": Case(f'"{QUOTED}"', SIZE),
     "a list in one column": Case("time,data\n" + LIST, SIZE),
     "csv.gz": Case(gzip.compress(table(flat, {"t": seconds()}).encode()), SIZE, file="a.csv.gz"),
@@ -666,7 +658,7 @@ CASES: dict[str, Case] = {
     "Tekscan, exponents": tekscan("KPa", "5.0e-1 cm", "Frame {n}", step="2.0E-02"),
     "XSENSOR, two sensors": Case(xsensor(), asks="--part"),
     "XSENSOR, one of two": Case(xsensor(), {"part": 2}, FRAMES * MMHG, None, "kpa", 20.0),
-    "novel emed": Case(emed().encode("latin-1"), **KPA25, file="a.lst"),
+    "novel emed": Case(emed().encode("latin-1"), unit="kpa", area_mm2=25.0, file="a.lst"),
     "novel pliance": Case(pliance(), SIZE, NO_COLUMNS, unit="kpa", says="another table", file="a.asc"),
     "novel pliance, size unknown": Case(pliance(), asks="--rows and --cols", file="a.asc"),
     "novel pedar": Case(pedar(), SIZE | {"part": 2}, unit="kpa", file="a.asc"),
@@ -706,16 +698,16 @@ CASES: dict[str, Case] = {
     "sqlite3, Float64MultiArray": bag(DOUBLES, storage="sqlite3"),
     "one mcap file": bag(DOUBLES, file="a.mcap"),
     "one db3 file": bag(DOUBLES, storage="sqlite3", file="a.db3"),
-    "strides of each dimension": bag(STRIDES),
+    "strides of each dimension": bag(arrays("Float64", np.ravel, [("rows", 4, 6), ("cols", 6, 1)])),
     "strides that overlap": bag(OVERLAP, {"key": "/skin"}, asks="--rows"),
-    "Int16MultiArray, padding": bag(PADDED, values=WHOLE),
+    "Int16MultiArray, padding": bag(arrays("Int16", padded, [("y", 4, 32), ("x", 6, 8)], 2), values=WHOLE),
     "Int32MultiArray, columns first": bag(TURNED, values=WHOLE),
     "16UC1, big-endian, padding": bag(BIG, values=WHOLE, received=LATE),
     "32SC1": bag(images(lambda f: f.astype("<i4"), "32SC1"), values=WHOLE),
-    "32FC1": bag(SINGLES, values=SINGLE, storage="sqlite3", received=LATE),
+    "32FC1": bag(images(lambda f: f.astype("<f4"), "32FC1"), values=SINGLE, storage="sqlite3", received=LATE),
     "32FC3": bag(SHEAR, asks="--axes"),
     "a channel of 32FC3": bag(SHEAR, {"axes": ("frames", "rows", "cols", 1)}, SINGLE),
-    "rgb8": bag(RGB, {"key": "/skin"}, asks="mono16"),
+    "rgb8": bag(images(lambda f: np.zeros((4, 6, 3), "u1"), "rgb8"), {"key": "/skin"}, asks="mono16"),
     "two topics": bag({"/skin": DOUBLES, "/other": DOUBLES}, asks="--key"),
     "one of two topics": bag({"/skin": DOUBLES, "/other": FLOATS}, {"key": "/skin"}),
     "a field of an own message": bag({"/a": OWN}, {"key": "/a.force"}, SINGLE, received=LATE),

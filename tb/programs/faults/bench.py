@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands with a build/ of their own, and the judge of how a disturbed command ends."""
 
-import hashlib
 import json
 import os
 import re
@@ -120,10 +119,10 @@ _BAD_WORDS = re.compile(
 )
 
 
-def contents(directory: Path) -> dict[str, str]:
-    """Return the digest of every file below a directory."""
+def contents(directory: Path) -> dict[str, bytes]:
+    """Return the bytes of every file below a directory."""
     files = sorted(path for path in directory.rglob("*") if path.is_file()) if directory.is_dir() else []
-    return {str(p.relative_to(directory)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+    return {str(p.relative_to(directory)): p.read_bytes() for p in files}
 
 
 def judge_words(ended: Ended | None, codes: Collection[int]) -> list[str]:
@@ -143,7 +142,7 @@ def judge_words(ended: Ended | None, codes: Collection[int]) -> list[str]:
     return faults
 
 
-def judge_out(out: Path, before: Mapping[str, str], code: int, reference: np.ndarray | None) -> list[str]:
+def judge_out(out: Path, before: Mapping[str, bytes], code: int, reference: np.ndarray | None) -> list[str]:
     """Judge OUT: a whole new set of results, or its contents before the run."""
     now = contents(out)
     hidden = [name for name in now if name.startswith(".")]
