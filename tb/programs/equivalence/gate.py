@@ -107,21 +107,15 @@ def read(slots: Sequence[Slot]) -> list[Line]:
     A packet decided at clock n flows from n + 1 to n + 2; at n + 2 its edge of 1 ns has just begun to fall, and the
     amplifier has not yet followed: that is one more unknown, the same for all packets. ValueError without a packet.
     """
-    rows = len(slots)
-    parts, values = [], []
-    for row, slot in enumerate(slots):
-        n = np.arange(2, len(slot.bits) + 1)  # the preset's own charge is in from the first clock on
-        complete = np.concatenate([[0], np.cumsum(slot.bits)])[n - 2]
-        latest = np.concatenate([[0], slot.bits])[n - 2]
-        part = np.zeros((n.size, 2 * rows + 2))
-        part[:, row], part[:, rows + row] = 1.0, n
-        part[:, -2], part[:, -1] = -complete, latest
-        parts.append(part)
-        values.append(slot.stored_v[n])
-    if not any(slot.bits.any() for slot in slots):
+    rows, bits = len(slots), np.array([slot.bits for slot in slots], dtype=float)
+    if not bits.any():
         raise ValueError("no row has a packet")
-    matrix, value = np.concatenate(parts), np.concatenate(values)
-    found = np.linalg.lstsq(matrix, value, rcond=None)[0]
+    n = np.arange(2, bits.shape[1] + 1)  # the preset's own charge is in from the first clock on
+    latest = np.pad(bits, ((0, 0), (1, 0)))[:, n - 2]
+    lines = (np.kron(np.eye(rows), part[:, None]) for part in (np.ones(n.size), n))
+    packets = (part.reshape(-1, 1) for part in (-latest.cumsum(axis=1), latest))
+    value = np.array([slot.stored_v[n] for slot in slots]).ravel()
+    found = np.linalg.lstsq(np.hstack([*lines, *packets]), value, rcond=None)[0]
     packet = float(found[-2])
     starts, slopes = (found[:rows] - _levels(slots)) / packet, found[rows : 2 * rows] / packet
     return [Line(*pair) for pair in zip(starts.tolist(), slopes.tolist(), strict=True)]
@@ -162,12 +156,9 @@ def model_slots(made: Plan, clocks: int) -> list[Slot]:
     ends = [walk.count_cells(cells, n, made.timing.charge_delay_clocks) for n in range(1, clocks + 1)]
     counts = np.array([count[0, :, 0] for count, _ in ends]).T
     charge = np.array([end[0, :, 0] for _, end in ends]).T
-    slots = []
-    for row in range(made.rows):
-        bits = np.diff(counts[row], prepend=0) > 0
-        # After a one the comparator is not sampled, and `read` skips it.
-        slots.append(Slot(bits, bits, np.concatenate([[cells.w0[0, row, 0]], charge[row]])))
-    return slots
+    # After a one the comparator is not sampled, and `read` skips it.
+    bits, stored = np.diff(counts, prepend=0) > 0, np.hstack([cells.w0[0, :, :1], charge])
+    return [Slot(own, own, volts) for own, volts in zip(bits, stored, strict=True)]
 
 
 def compare(case: Case, slots: Sequence[Slot]) -> dict[int, float]:
