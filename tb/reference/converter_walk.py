@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import mpmath
+from mpmath import mpf
 
 
 class Draws(NamedTuple):
@@ -20,7 +21,7 @@ class Walk(NamedTuple):
     """Bits, the charge at every clock, and the least distance of the output from a level."""
 
     bits: list[bool]
-    charge: list[mpmath.mpf]
+    charge: list[mpf]
     nearest: float
 
 
@@ -37,22 +38,22 @@ def walk_reference(
     every instant where anything can change; nothing is shared with the loops.
     """
     with mpmath.workdps(digits):
-        one, zero = mpmath.mpf(1), mpmath.mpf(0)
-        c = {name: mpmath.mpf(value) for name, value in cell.items()}
-        late = mpmath.mpf(charge_delay)
+        one, zero = mpf(1), mpf(0)
+        c = {name: mpf(value) for name, value in cell.items()}
+        late = mpf(charge_delay)
         now, w, v = zero, c["w0"], c["w0"]
         is_high = v >= c["rise"]
-        packets: list[tuple[mpmath.mpf, mpmath.mpf]] = []
+        packets: list[tuple[mpf, mpf]] = []
         bits: list[bool] = []
-        charge: list[mpmath.mpf] = []
+        charge: list[mpf] = []
         nearest = mpmath.inf
         for n in range(1, clocks + 1):
-            slow, alone = (zero, zero) if draws is None else (mpmath.mpf(d[n - 1]) for d in draws[:2])
+            slow, alone = (zero, zero) if draws is None else (mpf(d[n - 1]) for d in draws[:2])
             rise, fall = c["rise"] - slow, c["fall"] - slow
             sample = n - c["delay"]
             edges = {t for begin, end in packets[-2:] for t in (begin, end) if now < t < n}
             seen, at_sample, active = is_high, v, fall if is_high else rise
-            for until in sorted(edges | {sample, mpmath.mpf(n)}):
+            for until in sorted(edges | {sample, mpf(n)}):
                 middle = (now + until) / 2
                 current = c["x"] - sum(
                     (c["packet"] for begin, end in packets[-2:] if begin < middle < end), zero
@@ -85,10 +86,10 @@ def walk_reference(
         return Walk(bits, charge, float(nearest))
 
 
-_Way = Callable[[mpmath.mpf], tuple[mpmath.mpf, mpmath.mpf]]
+_Way = Callable[[mpf], tuple[mpf, mpf]]
 
 
-def _way(c: dict[str, mpmath.mpf], w: mpmath.mpf, v: mpmath.mpf, current: mpmath.mpf) -> _Way:
+def _way(c: dict[str, mpf], w: mpf, v: mpf, current: mpf) -> _Way:
     """Return (w, v) as a function of time at a constant current, limits aside."""
     if c["lag"] == 0:
         rates, start = [(-c["leak"], current - c["leak"] * w)], w
@@ -102,7 +103,7 @@ def _way(c: dict[str, mpmath.mpf], w: mpmath.mpf, v: mpmath.mpf, current: mpmath
         share = (current / c["lag"] - b * slope - d * v - fast * slope) / root
         rates, start = [(slow, share), (fast, slope - share)], v
 
-    def way(t: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
+    def way(t: mpf) -> tuple[mpf, mpf]:
         parts = [(size, rate, mpmath.exp(rate * t)) for rate, size in rates]
         at = start + sum(size * ((e - 1) / rate if rate else t) for size, rate, e in parts)
         return at + c["lag"] * sum(size * e for size, _, e in parts), at
@@ -110,38 +111,34 @@ def _way(c: dict[str, mpmath.mpf], w: mpmath.mpf, v: mpmath.mpf, current: mpmath
     return way
 
 
-def _turns(
-    c: dict[str, mpmath.mpf], w: mpmath.mpf, v: mpmath.mpf, current: mpmath.mpf, length: mpmath.mpf
-) -> list[mpmath.mpf]:
+def _turns(c: dict[str, mpf], w: mpf, v: mpf, current: mpf, length: mpf) -> list[mpf]:
     """Return the times inside a piece at which the output turns: w = v there."""
     if c["lag"] == 0:
         return []
     way = _way(c, w, v, current)
 
-    def apart(t: mpmath.mpf) -> mpmath.mpf:
+    def apart(t: mpf) -> mpf:
         at = way(t)
         return at[0] - at[1]
 
-    if apart(mpmath.mpf(0)) * apart(length) >= 0 or not c["low"] <= way(length)[0] <= c["high"]:
+    if apart(mpf(0)) * apart(length) >= 0 or not c["low"] <= way(length)[0] <= c["high"]:
         return []
     return [_root(apart, length)]
 
 
-def _stopped(
-    c: dict[str, mpmath.mpf], way: _Way, limit: mpmath.mpf, w: mpmath.mpf, v: mpmath.mpf, length: mpmath.mpf
-) -> tuple[mpmath.mpf, mpmath.mpf]:
+def _stopped(c: dict[str, mpf], way: _Way, limit: mpf, w: mpf, v: mpf, length: mpf) -> tuple[mpf, mpf]:
     """Return the end of a piece whose charge stops at a limit; the output settles towards it."""
     if c["lag"] == 0:
         return limit, limit
     end = way(length)[0]
-    hit = mpmath.mpf(0)
+    hit = mpf(0)
     if (w - limit) * (end - limit) < 0:
         hit = _root(lambda t: way(t)[0] - limit, length)
         v = way(hit)[1]
     return limit, limit + (v - limit) * mpmath.exp(-(length - hit) / c["lag"])
 
 
-def _root(f: Callable[[mpmath.mpf], mpmath.mpf], length: mpmath.mpf) -> mpmath.mpf:
+def _root(f: Callable[[mpf], mpf], length: mpf) -> mpf:
     """Return where f changes its sign between 0 and a length."""
     # 33 digits are far beyond a double.
     return mpmath.findroot(f, (0, length), solver="illinois", tol=1e-33, maxsteps=110, verify=False)

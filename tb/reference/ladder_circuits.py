@@ -6,10 +6,10 @@ from pathlib import Path
 
 import mpmath
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.lockstep import ladder
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
+from dermis.ndarrays import Floats
 
 # Tolerances of the decks without a pole (netlist.py): Newton's method ends a step beyond them.
 TIGHT = ".options reltol=1e-6 abstol=1e-13 vntol=1e-9"
@@ -23,12 +23,10 @@ def half_of(
     return NgspiceHalf(deck, t_edge_s=1e-9, t_max_step_s=step_s, t_stop_s=t_stop_s, log=log, **how)
 
 
-def lockstep(
-    lines: Sequence[str], probe: str, times: Sequence[float]
-) -> tuple[NDArray[np.float64], ladder.Climb]:
+def lockstep(lines: Sequence[str], probe: str, times: Sequence[float]) -> tuple[Floats, ladder.Climb]:
     """Return samples of a node of a circuit at times (the last one ends the transient), and its rungs."""
 
-    def attempt(level: ladder.Level) -> NDArray[np.float64]:
+    def attempt(level: ladder.Level) -> Floats:
         half = half_of(lines, probe, min(1e-7, times[-1] / 10), times[-1], level=level)
         half.advance(0.0, [])
         found = [half.advance(time, [])[0] for time in times]

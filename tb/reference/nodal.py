@@ -11,11 +11,11 @@ from typing import Any
 
 import mpmath
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis.array import array as forward
 from dermis.array import solve_error
 from dermis.array.array import Network
+from dermis.ndarrays import Floats
 
 Node = tuple[Any, ...]
 Element = tuple[Node, Node, Any]
@@ -46,9 +46,7 @@ def bounded(network: Network) -> list[tuple[Any, Any]]:
     return [(part, bound[0]) for part, bound in zip(parts, bounds[0], strict=True)]
 
 
-def column_currents(
-    network: Network, digits: int = 60, slots: Sequence[int] | None = None
-) -> NDArray[np.float64]:
+def column_currents(network: Network, digits: int = 60, slots: Sequence[int] | None = None) -> Floats:
     """Return column currents of some slots (driven rows), by default all, [slots, cols] in ampere."""
     more = _SHORT_DIGITS if np.isinf(network.g_taxel_s).any() or network.r_return_ohm else 0
     with mpmath.workdps(digits + more):

@@ -45,8 +45,7 @@ class Board:
         # Nodes: the row lines, then the columns. A switch of 0 ohm is a nanoohm.
         laplace = np.zeros((rows + cols, rows + cols))
         laplace[:rows, rows:] = -g
-        for c in range(cols - 1):
-            laplace[rows + c, rows + c + 1] = -rows / self.lateral_ohm
+        laplace[rows:, rows:] = np.diag(np.full(cols - 1, -rows / self.lateral_ohm), 1)
         laplace += laplace.T
         laplace -= np.diag(laplace.sum(axis=1))
         laplace[range(rows, rows + cols), range(rows, rows + cols)] += 1.0 / self.divider_ohm
