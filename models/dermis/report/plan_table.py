@@ -49,7 +49,8 @@ def print_answer(plan: records.Plan) -> None:
         whole, part = (event.run(made).codes for made in (full, fewer))
         seconds = [cpu_seconds(lambda made=made: event.run(made)) for made in (full, fewer)]
     except DermisError as error:
-        console.print(f"effects not compared, for engine event cannot do this scene: {error}")
+        which = "this scene" if engines.refuses(plan, "event") else "this scene with an effect off"
+        console.print(f"effects not compared, for engine event cannot do {which}: {error}")
         return
     together = int((whole != part).sum())
     enough = engines.cheapest(full if together else fewer) or plan.engine

@@ -27,12 +27,13 @@ from tb.programs.equivalence.gate import Case
 LOOP = Case(codes=(0, 64, 240), clocks=48)  # the column that has the faults
 
 _TABLES = Path(__file__).with_name("faults.toml")
-FAULTS, OTHER_RAIL, REASONS = tomllib.loads(_TABLES.read_text(encoding="utf-8")).values()
+_TOLD = tomllib.loads(_TABLES.read_text(encoding="utf-8"))
+FAULTS, OTHER_RAIL, REASONS = (_TOLD[name] for name in ("gate", "other_rail", "passes"))
 
 
 def written(kind: str, folder: Path) -> Path:
     """Write a copy of spice/sky130 with a fault and return its folder."""
-    file, right, wrong = FAULTS[kind].values()
+    file, right, wrong = (FAULTS[kind][name] for name in ("file", "right", "wrong"))
     place = folder / kind
     shutil.copytree(CIRCUIT, place, dirs_exist_ok=True)
     text = (CIRCUIT / file).read_text(encoding="utf-8")
