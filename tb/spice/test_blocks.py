@@ -85,13 +85,10 @@ def test_conveyor_is_its_input_resistance_and_a_single_pole(measure: Measure, de
     assert got["gain_decade"] / got["gain_low"] == pytest.approx(1 / math.sqrt(101), rel=5e-3, abs=0)
 
 
-@pytest.mark.parametrize("gain_error", [None, 0.01])
-def test_conveyor_dc_is_offset_resistance_gain_and_limit(
-    measure: Measure, design: Design, gain_error: float | None
-) -> None:
-    got = measure("conveyor__dc", dut={} if gain_error is None else {"gain_error": gain_error})
-    p = design.conveyor
-    gain = 1 + (p.gain_error if gain_error is None else gain_error)
+@pytest.mark.parametrize("dut", [{}, {"gain_error": 0.01}])
+def test_conveyor_dc_is_offset_resistance_gain_and_limit(measure: Measure, design: Design, dut: dict) -> None:
+    got, p = measure("conveyor__dc", dut=dut), design.conveyor
+    gain = 1 + dut.get("gain_error", p.gain_error)
     # A linear stretch; differences of ngspice's operating points to 1e-9 V; a slope over 1e6 ohm keeps six
     # digits.
     assert got["gain"] == pytest.approx(gain, rel=1e-9, abs=0)
@@ -113,9 +110,7 @@ def test_mirror_settles_with_its_pole_and_faster_with_more_devices(measure: Meas
 
 # The mirror as it is, and with switches in series that compress its current, a pole and a lag.
 @pytest.mark.parametrize("dut", [{}, {"inv_i_range_a": 100.0, "t_pole_s": 1e-9, "q_lag_c": 5e-14}])
-def test_mirror_divides_by_each_k_of_its_pins(
-    measure: Measure, design: Design, dut: dict[str, float]
-) -> None:
+def test_mirror_divides_by_each_k_of_its_pins(measure: Measure, design: Design, dut: dict) -> None:
     got, p = measure("mirror__dc", dut=dut), design.mirror
     copied = 1e-3 / (1 + 1e-3 * dut.get("inv_i_range_a", 0.0)) * (1 + p.ratio_error)
     for index, k in enumerate(design.interface.k_options):
@@ -166,17 +161,14 @@ def test_a_slow_mirror_follows_its_logistic_curve(measure: Measure, design: Desi
     assert got["charge_c"] == pytest.approx(given, rel=1e-5, abs=0)
 
 
-@pytest.mark.parametrize("ground", [None, 4.0])
-def test_row_driver_has_its_level_and_both_resistances(
-    measure: Measure, design: Design, ground: float | None
-) -> None:
-    got = measure("row_driver__dc", dut={} if ground is None else {"r_ground_ohm": ground})
-    p = design.row_driver
+@pytest.mark.parametrize("dut", [{}, {"r_ground_ohm": 4.0}])
+def test_row_driver_has_its_level_and_both_resistances(measure: Measure, design: Design, dut: dict) -> None:
+    got, p = measure("row_driver__dc", dut=dut), design.row_driver
     # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
     assert got["v_driven"] == pytest.approx(design.interface.v_bias_v, rel=1e-9, abs=0)
     assert got["v_grounded"] == pytest.approx(0, abs=1e-12)
     assert got["r_on_ohm"] == pytest.approx(p.r_on_ohm, rel=1e-6, abs=0)
-    assert got["r_ground_ohm"] == pytest.approx(p.r_ground_ohm if ground is None else ground, rel=1e-6, abs=0)
+    assert got["r_ground_ohm"] == pytest.approx(dut.get("r_ground_ohm", p.r_ground_ohm), rel=1e-6, abs=0)
 
 
 def test_charge_source_gives_one_packet_a_pulse_of_either_sign(measure: Measure, design: Design) -> None:

@@ -39,9 +39,7 @@ def test_ideal_parts_count_like_charge_balance(tmp_path: Path, design: Design, c
         ({"other_column": 1, "v_undriven_v": 0.0}, "FAIL"),
     ],
 )
-def test_a_board_is_within_its_limit_and_a_fault_is_not(
-    tmp_path: Path, changes: board.Changes, status: str
-) -> None:
+def test_a_board_is_within_its_limit_or_faulty(tmp_path: Path, changes: board.Changes, status: str) -> None:
     found = board.column_error(changes, 3, tmp_path)
     assert verdict.judge("board.column_error_lsb", *found)["status"] == status
 
@@ -53,9 +51,7 @@ def test_an_unknown_parameter_and_an_unmeasured_count_are_errors(tmp_path: Path)
         board.conversion(1e3, {"t_delay_s": math.nan}, tmp_path)
 
 
-def test_a_simulator_that_fails_is_an_error_of_its_board_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_simulator_is_an_error_of_its_board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(changes: board.Changes, points: int, work: Path) -> tuple[float, str]:
         if changes == board.FIT["full_row"]:
             raise SimulatorError("it broke", work)

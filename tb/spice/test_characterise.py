@@ -125,9 +125,7 @@ def test_the_command_of_a_row_measures_that_row_and_nothing_else(
 # ---- the command ------------------------------------------------------------------------------------------------
 
 
-def test_the_command_passes_fails_and_gives_up_with_an_exit_code_each(
-    build: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_end_of_the_command_has_its_exit_code(build: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     held = BENCHES["row_driver_held"].body
 
     def run(body: str) -> tuple[int, verdict.Row]:

@@ -14,17 +14,16 @@ from dermis.scene.design import Design
 transfer = partial(channels.test_dc_transfer_of_each_channel_is_its_k_and_sign, name="m")
 charge = partial(channels.test_ideal_channels_integrate_exactly, r_ohm=500.0)
 mirror = blocks.test_mirror_divides_by_each_k_of_its_pins
+slow = partial(blocks.test_a_slow_mirror_follows_its_logistic_curve, q_lag_c=5e-14)
+lag = blocks.test_mirror_of_a_channel_has_the_lag_that_a_deck_asks_for
+driver = partial(blocks.test_row_driver_has_its_level_and_both_resistances, dut={})
+packet = blocks.test_charge_source_gives_one_packet_a_pulse_of_either_sign
 
 FAULTS = {
     "conveyor_x_and_y_swapped": (transfer, "channel", "xconveyor 0 col v_z", "xconveyor col 0 v_z"),
     "mirror_polarity_wrong": (transfer, "channel", "mirror polarity=1", "mirror polarity=-1"),
     "vfc_polarity_wrong": (charge, "channel", "vss_d vfc", "vss_d vfc_inverted"),
-    "capacitor_1_ppm_off": (
-        charge,
-        "integrator",
-        "cint iin out {c_int_f}",
-        "cint iin out {1.000001*c_int_f}",
-    ),
+    "capacitor_1_ppm_off": (charge, "integrator", "iin out {c_int_f}", "iin out {1.000001*c_int_f}"),
     "preset_switch_missing": (charge, "integrator", "bpreset out iin i", "bpreset 0 0 i"),
     "preset_is_released_at_the_end_of_its_edge": (
         charge,
@@ -34,10 +33,10 @@ FAULTS = {
     ),
     "comparator_pins_swapped": (charge, "vfc", "xcomparator agnd v_int", "xcomparator v_int agnd"),
     "packet_5_percent_off": (
-        blocks.test_charge_source_gives_one_packet_a_pulse_of_either_sign,
+        packet,
         "charge_source",
-        "gpacket out vss d_charge vss_d {i0_a*",
-        "gpacket out vss d_charge vss_d {1.05*i0_a*",
+        "out vss d_charge vss_d {",
+        "out vss d_charge vss_d {1.05*",
     ),
     "mirror_group_missing": (partial(mirror, dut={}), "mirror", "s2 v_gate v_2 d_k1", "s2 v_gate v_2 vss_d"),
     "compression_of_the_divided_current": (
@@ -46,30 +45,15 @@ FAULTS = {
         "{inv_i_range_a}*abs(i(vin))",
         "{inv_i_range_a/80}*abs(i(vin))",
     ),
-    "row_driver_pins_swapped": (
-        partial(blocks.test_row_driver_has_its_level_and_both_resistances, ground=None),
-        "row_driver",
-        "edrive v_drive agnd d_row vss_d",
-        "edrive agnd v_drive d_row vss_d",
-    ),
+    "row_driver_pins_swapped": (driver, "row_driver", "v_drive agnd d_row", "agnd v_drive d_row"),
     "hysteresis_halved": (
         blocks.test_comparator_has_its_thresholds_gain_and_levels,
         "comparator",
         "? {0.5*g_in*v_hysteresis_v} : {-0.5*g_in*v_hysteresis_v}",
         "? {0.25*g_in*v_hysteresis_v} : {-0.25*g_in*v_hysteresis_v}",
     ),
-    "lag_of_half_the_charge": (
-        partial(blocks.test_a_slow_mirror_follows_its_logistic_curve, q_lag_c=5e-14),
-        "mirror_lag",
-        "cgate v_gate 0 {q_lag_c}",
-        "cgate v_gate 0 {0.5*q_lag_c}",
-    ),
-    "lag_of_the_mirror_left_out": (
-        blocks.test_mirror_of_a_channel_has_the_lag_that_a_deck_asks_for,
-        "mirror",
-        "xlag v_late out 0 mirror_lag",
-        "vlag v_late out 0 ;",
-    ),
+    "lag_of_half_the_charge": (slow, "mirror_lag", "v_gate 0 {q_lag_c}", "v_gate 0 {0.5*q_lag_c}"),
+    "lag_of_the_mirror_left_out": (lag, "mirror", "xlag v_late out 0 mirror_lag", "vlag v_late out 0 ;"),
 }
 """Test, block, its text, and text in its place, by name of the fault."""
 

@@ -67,11 +67,8 @@ def test_what_a_node_leaps_by_alternates_with_trapezoids_and_is_gone_with_gear()
 
 def own_deck(steps: int, poles: bool) -> tuple[list[int], list[ladder.Retry]]:
     bends = {"comparator_delay": {"t_s": 8e-9}, "integrator_bandwidth": {"gbw_hz": 5e6}}
-    data = {
-        "array": {"rows": 1, "cols": 4},
-        "stimulus": {"kind": "uniform", "code": [0]},
-        "effects": bends if poles else {},
-    }
+    data = {"array": {"rows": 1, "cols": 4}, "stimulus": {"kind": "uniform", "code": [0]}}
+    data["effects"] = bends if poles else {}
     made = plan.make(scene.from_data(data, Path("rungs.toml")), "cosim")
     made = replace(made, resistance_ohm=np.array([[[500.0, 1275.0, 7.5e3, 1e6]]]), force_n=None)
     deck = netlist.frame_deck(made, 0, deck_chip.levels_of(made))
@@ -109,9 +106,7 @@ def test_beyond_the_ladder_are_time_node_and_advice() -> None:
         assert re.search(words, str(error))
 
 
-def test_a_batch_deck_takes_the_same_ladder_and_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_batch_deck_climbs_as_well_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     deck = tmp_path / "needs_ramp.sp"
     body = "\n".join(circuits.NEEDS["ramp"])
     deck.write_text(f"batch\n{body}\n.tran 1n 10n\n.meas tran b find v(b) at=5n\n.end\n")

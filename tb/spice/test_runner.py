@@ -79,9 +79,7 @@ def test_a_bench_keeps_the_seven_sections_in_order(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", BENCHES)
-def test_a_bench_measures_all_it_names_with_the_physical_defaults(
-    measure: Callable[..., dict[str, float]], name: str
-) -> None:
+def test_a_bench_measures_all_it_names_with_the_physical_defaults(measure: Callable, name: str) -> None:
     assert len(measure(name)) >= 3
 
 

@@ -17,14 +17,11 @@ from scripts.characterise.runs import TYPICAL, conditions, measured
 
 COLD, HOT = Condition("ss", -40.0), Condition("ff", 125.0)
 # One corner in every test run, the others in the long one: each run of ngspice is a second or two.
-corners = pytest.mark.parametrize(
-    "at", [TYPICAL, *(pytest.param(at, marks=pytest.mark.long) for at in (COLD, HOT))], ids=str
-)
+IN_LONG = [pytest.param(at, marks=pytest.mark.long) for at in (COLD, HOT)]
+corners = pytest.mark.parametrize("at", [TYPICAL, *IN_LONG], ids=str)
 
 
-def quantities(
-    name: str, at: Condition, body: str | None = None, blocks: Path | None = None
-) -> dict[str, float]:
+def quantities(name: str, at: Condition, body: str = "", blocks: Path | None = None) -> dict[str, float]:
     """Run a bench, with its own deck and blocks or others, and return the quantities that it is for."""
     bench = BENCHES[name]
     return bench.values(measured(body or bench.body, at, blocks))
@@ -92,9 +89,8 @@ vx out 0 0
 def test_the_reference_starts_from_nothing(at: str) -> None:
     """An operating point may be one that a circuit without current never reaches: here the supplies rise in 10 us."""
     (condition,) = conditions(at)
-    within(
-        quantities("reference", condition, START.format(rail=f"{benches.SUPPLY_V * condition.supply:.6g}"))
-    )
+    rail = f"{benches.SUPPLY_V * condition.supply:.6g}"
+    within(quantities("reference", condition, START.format(rail=rail)))
 
 
 @pytest.mark.parametrize("k", [20, 160])
@@ -106,9 +102,12 @@ def test_the_pins_choose_the_ratio(k: int) -> None:
 # Each packet at the corner where its source has least room, or the pair leaks most.
 @pytest.mark.parametrize(
     ("at", "side"),
-    [(TYPICAL, "sink")]
-    + [
-        pytest.param(*of, marks=pytest.mark.long) for of in ((COLD, "source"), (HOT, "sink"), (HOT, "source"))
+    [
+        (TYPICAL, "sink"),
+        *(
+            pytest.param(*of, marks=pytest.mark.long)
+            for of in ((COLD, "source"), (HOT, "sink"), (HOT, "source"))
+        ),
     ],
     ids=str,
 )
@@ -172,9 +171,7 @@ UNDEFINED = {"xn_low on v_missing vss vss nmos w=5 l=0.5\n": ""}
     ],
     ids=["closes first", "undefined without the core", "no zero", "a column reaches its neighbour"],
 )
-def test_a_fault_of_a_block_is_noticed(
-    tmp_path: Path, file: str, changes: dict[str, str], bench: str
-) -> None:
+def test_a_fault_of_a_block_is_noticed(tmp_path: Path, file: str, changes: dict, bench: str) -> None:
     blocks = shutil.copytree(ROOT / "spice" / "sky130", tmp_path / "blocks")
     text = (blocks / file).read_text()
     for old, new in changes.items():

@@ -25,12 +25,10 @@ def nodal(design: Design, lateral_ohm: float) -> dict[str, float]:
     return {"i_col_0": v[2] / 5, "i_col_1": v[3] / 5, **inner_v}
 
 
-@pytest.mark.parametrize("lateral_ohm", [None, 100.0, 1e18])
-def test_four_cells_make_the_array_of_a_nodal_solve(
-    measure: Callable[..., dict[str, float]], design: Design, lateral_ohm: float | None
-) -> None:
-    got = measure("taxel__dc", dut={} if lateral_ohm is None else {"r_lateral_ohm": lateral_ohm})
-    want = nodal(design, design.array.r_lateral_ohm if lateral_ohm is None else lateral_ohm)
+@pytest.mark.parametrize("dut", [{}, {"r_lateral_ohm": 100.0}, {"r_lateral_ohm": 1e18}])
+def test_four_cells_make_the_array_of_a_nodal_solve(measure: Callable, design: Design, dut: dict) -> None:
+    got = measure("taxel__dc", dut=dut)
+    want = nodal(design, dut.get("r_lateral_ohm", design.array.r_lateral_ohm))
     for name, value in want.items():
         # A linear deck with reltol 1e-9; 1e18 ohm of lateral beside gmin costs two digits more.
         assert got[name] == pytest.approx(value, rel=1e-7, abs=0), name
