@@ -106,17 +106,14 @@ def test_every_address_is_the_register_of_the_map(simulator: str, size: str) -> 
 FAULTS = {
     "a write without its address": ("      if (address_i == 8'h05) begin", "      begin"),
     "a word that does not exist answers": (
-        "(m = 0; m < ROWS; m = m + 1)\n        if (address_i == 8'h20",
-        "(m = 0; m < ROWS + 16; m = m + 1)\n        if (address_i == 8'h20",
+        "m < ROWS; m = m + 1)\n        if (address_i == 8'h20",
+        "m < ROWS + 16; m = m + 1)\n        if (address_i == 8'h20",
     ),
     "a read-only register takes a write": (
-        "8'h08: begin\n          known = ~write_i;",
-        "8'h08: begin\n          known = 1'b1;",
+        "8'h08: begin\n          known = ~write_i",
+        "8'h08: begin\n          known = 1'b1",
     ),
-    "two columns share a pedestal": (
-        "pedestal_d[CODE_BITS*n +: CODE_BITS] =",
-        "pedestal_d[CODE_BITS*(n/2) +: CODE_BITS] =",
-    ),
+    "two columns share a pedestal": ("pedestal_d[CODE_BITS*n +:", "pedestal_d[CODE_BITS*(n/2) +:"),
     "a pulse acts on a read": ("assign shot_o = write &", "assign shot_o = valid_i &"),
 }
 

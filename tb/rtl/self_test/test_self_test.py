@@ -33,11 +33,7 @@ FAULTS: list[tuple[dict[str, Any], dict[str, list[int]]]] = [
 
 
 def self_test(
-    simulator: str,
-    faults: list[Any],
-    x: Any = NO_SENSOR,
-    rates: tuple[int, ...] = (),
-    trap: Path | None = None,
+    simulator: str, faults: list[Any], x: Any = NO_SENSOR, rates: Any = (), trap: Path | None = None
 ) -> Any:
     scenario = {"parameters": PARAMETERS, "x": x, "faults": faults, "rates": rates}
     return simulate(simulator, "bench_top", "dermis_top", "self_test", PARAMETERS, scenario, trap=trap)
@@ -53,24 +49,12 @@ def test_each_fault_is_found_and_named_without_a_sensor(simulator: str) -> None:
     assert self_test(simulator, [{"rows_high": [2]}], pressed) == [{"row": [2], "dark": [0, 1, 2, 3, 4]}]
 
 
+# Change in dermis_reader, what the counter of column 2 does: what is found.
 BROKEN = {
-    # change in dermis_reader: (what the counter of column 2 does, what is found)
-    "stays at zero": (
-        ".rst_ni  (rst_ni),\n        .gate_i  (gate_count)",
-        ".rst_ni  (rst_ni & (c != 2)),\n        .gate_i  (gate_count)",
-        {"inject": [2], "full": [2]},
-    ),
-    "misses its gate": (
-        ".gate_i  (gate_count)",
-        ".gate_i  (gate_count & (c != 2))",
-        {"inject": [2], "full": [2]},
-    ),
-    "counts without pause": (
-        ".pulse_i (charge_o[c])",
-        ".pulse_i (charge_o[c] | (c == 2 && clocks_q[0]))",
-        {"inject": [2], "dark": [2]},
-    ),
-    "sees the gate a clock late": (".gate_i  (gate_count)", ".gate_i  ((c == 2) ? late_q : gate_count)", {}),
+    "stays at zero": ("(rst_ni),\n        .gate_i ", "(rst_ni & (c != 2)),\n        .gate_i ", "inject full"),
+    "misses its gate": ("(gate_count)", "(gate_count & (c != 2))", "inject full"),
+    "counts without pause": ("(charge_o[c]),", "(charge_o[c] | (c == 2 && clocks_q[0])),", "inject dark"),
+    "sees the gate a clock late": ("(gate_count)", "((c == 2) ? late_q : gate_count)", ""),
 }
 
 
@@ -84,4 +68,4 @@ def test_a_broken_counter_is_named(how: str, tmp_path: Path) -> None:
         "    else {clocks_q, late_q} <= {clocks_q + 2'd1, gate_count};\n  genvar c;\n",
     )
     wrong = changed(tmp_path, "dermis_reader", (old, new), flops)
-    assert self_test("icarus", [{}], trap=wrong) == [wanted]
+    assert self_test("icarus", [{}], trap=wrong) == [{kind: [2] for kind in wanted.split()}]

@@ -20,28 +20,27 @@ WEIGHTS = [5, 2, 4, 2, 2, 5, 2, 1, 2]
 
 
 def run(
-    simulator: str,
-    testcase: str,
-    parameters: dict[str, int] = SMALL,
-    trap: Path | None = None,
-    **scenario: Any,
+    simulator: str, testcase: str, parameters: dict = SMALL, trap: Path | None = None, **scenario: Any
 ) -> Any:
     """One cocotb test of bench_top on a chip of these parameters."""
     scenario["parameters"] = parameters
     return simulate(simulator, "bench_top", "dermis_top", testcase, parameters, scenario, trap=trap)
 
 
-def c_over_510(codes: list[int]) -> list[Duty]:
+def c_over_510(*codes: int) -> list[Duty]:
     return [(c, 510) for c in codes]
+
+
+def form(sync_latch: int) -> dict[str, int]:
+    """SMALL with a synchronizer; without a latch it is the build of most tests."""
+    return SMALL | ({"SYNC_LATCH": 1} if sync_latch else {})
 
 
 @FORMS
 def test_the_client_library_reads_codes_that_are_exact(simulator: str, sync_latch: int) -> None:
-    x = [c_over_510([0, 1, 2, 127, 128]), c_over_510([254, 255, 100, 3, 37])]
-    parameters = SMALL | {"ROWS": 2} | ({"SYNC_LATCH": 1} if sync_latch else {})
-    got = run(
-        simulator, "client", parameters, x=x, gate=510, sck_hz=2.5e6, frames=1 + (simulator == "verilator")
-    )
+    x = [c_over_510(0, 1, 2, 127, 128), c_over_510(254, 255, 100, 3, 37)]
+    frames = 1 + (simulator == "verilator")
+    got = run(simulator, "client", form(sync_latch) | {"ROWS": 2}, x=x, gate=510, sck_hz=2.5e6, frames=frames)
     assert got["codes"] == [[0, 1, 2, 127, 128], [254, 255, 100, 3, 37]]
     assert not any(map(any, got["overflow"]))
 
@@ -65,20 +64,19 @@ def test_every_status_bit_header_flag_and_pin_is_wired(simulator: str) -> None:
     run(simulator, "wiring", WIRED)
 
 
-PRESSED = [c_over_510([200, 100, 255, 0, 30])] * 4
+PRESSED = [c_over_510(200, 100, 255, 0, 30)] * 4
 
 
 @FORMS
 def test_enable_takes_the_analog_side_off_without_a_clock(simulator: str, sync_latch: int) -> None:
     """In no time in the Verilog; on mapped gates in that of a flop and a gate (`dermis gl`)."""
-    assert run(simulator, "off", SMALL | ({"SYNC_LATCH": 1} if sync_latch else {}), x=PRESSED) == 0.0
+    assert run(simulator, "off", form(sync_latch), x=PRESSED) == 0.0
 
 
 @FORMS
 def test_a_cut_at_any_time_corrupts_nothing(simulator: str, sync_latch: int) -> None:
     cuts = 400 if simulator == "verilator" else 40
-    parameters = SMALL | ({"SYNC_LATCH": 1} if sync_latch else {})
-    assert run(simulator, "cuts", parameters, x=PRESSED, seed=5, cuts=cuts) >= cuts // 8
+    assert run(simulator, "cuts", form(sync_latch), x=PRESSED, seed=5, cuts=cuts) >= cuts // 8
 
 
 MANY_ROWS = {"ROWS": 32, "COLS": 3, "CODE_BITS": 8, "GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
@@ -108,22 +106,14 @@ def test_counters_of_16_bits_wrap_or_stop_in_verilator() -> None:
     assert seen["lost_after_reset"] == seen["errors_after_reset"] == 0
 
 
-SIZES = {
-    "8x8": (8, 8, 8),
-    "16x16": (16, 16, 8),
-    "64x64": (64, 64, 8),
-    "16x1": (16, 1, 8),
-    "16x1x12": (16, 1, 12),
-    "128x128x16": (128, 128, 16),
-}
+SIZES = "16x16 64x64 16x1 16x1x12 128x128x16".split()
+"""Rows, columns and, where they are not 8, bits."""
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize(
-    "size", [pytest.param(size, marks=[pytest.mark.long] * (size != "8x8")) for size in SIZES]
-)
+@pytest.mark.parametrize("size", ["8x8", *(pytest.param(size, marks=pytest.mark.long) for size in SIZES)])
 def test_every_size_answers_and_sends_exact_frames(simulator: str, size: str) -> None:
-    rows, cols, code_bits = SIZES[size]
+    rows, cols, code_bits, *_ = *map(int, size.split("x")), 8
     run(simulator, "size", SMALL | {"ROWS": rows, "COLS": cols, "CODE_BITS": code_bits})
 
 
@@ -146,112 +136,63 @@ def test_random_traffic_hangs_nothing_and_corrupts_nothing(simulator: str, tmp_p
     run(simulator, "traffic", trap=trap, seed=1, transactions=transactions, slowest=0.7, weights=WEIGHTS)
 
 
-CUTS, WRITES = {"x": PRESSED, "seed": 5, "cuts": 400}, {"seed": 7, "writes": 2000}
-# What is wrong -> module, right, wrong, the test that must fail and what it is asked for.
-FAULTS: dict[str, tuple[str, str, str, str, dict[str, Any]]] = {
-    "a write without a look at its CRC": (
-        "dermis_spi",
-        "assign crc_good     = (byte_in == crc_q);",
-        "assign crc_good     = 1'b1;",
-        "traffic",
-        {"seed": 1, "transactions": 60, "slowest": 0.0, "weights": WEIGHTS},
-    ),
+# What is wrong -> module, right, wrong, the test that must fail.
+FAULTS = {
+    "a write without a look at its CRC": ("dermis_spi", "(byte_in == crc_q)", "1'b1", "traffic"),
     "a gate one clock too long": (
         "dermis_register_port",
-        "assign wdata_o      = wdata_i;",
-        "assign wdata_o      = wdata_i | 16'd1;",
+        "= wdata_i;",
+        "= wdata_i | 16'd1;",
         "configuration",
-        {},
     ),
-    "rows that need the clock": (
-        "dermis_safe_outputs",
-        "row_select_i & {ROWS{on_q}}",
-        "row_select_i",
-        "off",
-        {"x": PRESSED},
-    ),
-    "a preset that needs the clock": (
-        "dermis_safe_outputs",
-        "preset_i | ~on_q",
-        "preset_i",
-        "off",
-        {"x": PRESSED},
-    ),
+    "rows that need the clock": ("dermis_safe_outputs", "row_select_i & {ROWS{on_q}}", "row_select_i", "off"),
+    "a preset that needs the clock": ("dermis_safe_outputs", "preset_i | ~on_q", "preset_i", "off"),
     "a cut that the core does not see": (
         "dermis_safe_outputs",
         ".d_i    (on_q)",
         ".d_i    (enable_i)",
         "cuts",
-        CUTS,
     ),
-    "a row that was cut but delivered": (
-        "dermis_reader",
-        "assign row_valid_o = loaded & enable_i;",
-        "assign row_valid_o = loaded;",
-        "cuts",
-        CUTS,
-    ),
-    "a frame begun under hold": (
-        "dermis_row_scanner",
-        "(continuous_i | shot_q | test_q) & ~hold_i",
-        "(continuous_i | shot_q | test_q)",
-        "commits",
-        WRITES,
-    ),
+    "a row that was cut but delivered": ("dermis_reader", "loaded & enable_i;", "loaded;", "cuts"),
+    "a frame begun under hold": ("dermis_row_scanner", "| test_q) & ~hold_i", "| test_q)", "commits"),
     "a pedestal mode of another frame": (
         "dermis_row_scanner",
-        "done_mode_q  <= mode_q;",
-        "done_mode_q  <= pedestal_mode_i;",
+        "<= mode_q;",
+        "<= pedestal_mode_i;",
         "commits",
-        WRITES,
     ),
 }
-
+ASKED: dict[str, dict[str, Any]] = {
+    "traffic": {"seed": 1, "transactions": 60, "slowest": 0.0, "weights": WEIGHTS},
+    "off": {"x": PRESSED},
+    "cuts": {"x": PRESSED, "seed": 5, "cuts": 400},
+    "commits": {"parameters": MANY_ROWS, "seed": 7, "writes": 2000},
+    "wiring": {"parameters": WIRED},
+}
 
 # What is wrong between modules -> module, right, wrong: all passed every test of the modules.
 MISWIRED = {
-    "break": (
-        "dermis_top",
-        ".BREAK_CLOCKS (BREAK_CLOCKS),\n    .SYNC_LATCH   (SYNC_LATCH)\n  ) u_reader",
-        ".SYNC_LATCH   (SYNC_LATCH)\n  ) u_reader",
-    ),
+    "break": ("dermis_top", ".BREAK_CLOCKS (BREAK_CLOCKS),\n    .SYNC_LATCH   (SYNC_LATCH)\n  ) u_reader",
+              ".SYNC_LATCH   (SYNC_LATCH)\n  ) u_reader"),
     "fault flag": ("dermis_top", ".fault_i         (fault),", ".fault_i         (1'b0),"),
     "pending test": ("dermis_top", ".test_pending_i (test_pending),", ".test_pending_i (1'b0),"),
     "output enable": ("dermis_spi", "assign cipo_oe_o        = ~cs_ni;", "assign cipo_oe_o        = 1'b1;"),
     "gate of the header": ("dermis_top", ".gate_clocks_i   (gate_clocks),", ".gate_clocks_i   (gate),"),
-    "rate of 8 bits": (
-        "dermis_top",
-        ".test_rate_i     (test_rate),",
-        ".test_rate_i     ({8'h00, test_rate[7:0]}),",
-    ),
-    "limit of 8 bits": (
-        "dermis_top",
-        ".full_min_i     (full_min),",
-        ".full_min_i     ({8'h00, full_min[7:0]}),",
-    ),
+    "rate of 8 bits": ("dermis_top", "_rate_i     (test_rate)", "_rate_i     ({8'h00, test_rate[7:0]})"),
+    "limit of 8 bits": ("dermis_top", "_min_i     (full_min)", "_min_i     ({8'h00, full_min[7:0]})"),
     "scanning": ("dermis_top", ".scanning_i         (scanning),", ".scanning_i         (enable),"),
-    "phase of the test": (
-        "dermis_reader",
-        "    else if (inject & preset_o) {level_q, phase_q} <= 17'd0;\n",
-        "",
-    ),
+    "phase of the test": ("dermis_reader", "    else if (inject & preset_o) {level_q, phase_q} <= 17'd0;\n", ""),
     "overflow": ("dermis_packer", "over_q  <= over_q >> 8;", "over_q  <= over_q >> 7;"),
-    "end of a frame": (
-        "dermis_spi",
-        "if (frame_address_q == frame_length_i)",
-        "if (frame_address_q[8:0] == frame_length_i[8:0])",
-    ),
-}
-
-
-FAULTS |= {name: (*fault, "wiring", {}) for name, fault in MISWIRED.items()}
+    "end of a frame": ("dermis_spi", "(frame_address_q == frame_length_i)",
+                       "(frame_address_q[8:0] == frame_length_i[8:0])"),
+}  # fmt: skip
+FAULTS |= {name: (*fault, "wiring") for name, fault in MISWIRED.items()}
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_checks_see(fault: str, tmp_path: Path) -> None:
-    module, right, wrong, testcase, scenario = FAULTS[fault]
+    module, right, wrong, testcase = FAULTS[fault]
     trap = changed(tmp_path, module, (right, wrong))
-    parameters = {"wiring": WIRED, "commits": MANY_ROWS}.get(testcase, SMALL)
     with pytest.raises(AssertionError, match=r"1 failed"):
-        run("icarus", testcase, parameters, trap=trap, **scenario)
+        run("icarus", testcase, trap=trap, **ASKED.get(testcase, {}))
