@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_plans import refused
 
 from dermis import plan as planning
 from dermis import records
@@ -75,9 +76,10 @@ def test_a_table_stays_monotone_between_unequal_loads() -> None:
     assert curve.force_n(g) == pytest.approx([1.0, 1.1, 5.0, 5.1, 12.0])
 
 
-@pytest.mark.parametrize(
-    ("kind", "force"), [("power", [3.0, 2.0, 1.0]), ("table", [3.0, 2.0, 1.0]), ("cubic", [1.0, 1.0, 1.0])]
-)
+FALLING = [3.0, 2.0, 1.0]
+
+
+@pytest.mark.parametrize(("kind", "force"), [("power", FALLING), ("table", FALLING), ("cubic", [1.0] * 3)])
 def test_loads_that_no_law_fits_are_refused(kind: str, force: list[float]) -> None:
     with pytest.raises(law.LawError):
         law.fit(kind, [1e-4, 2e-4, 3e-4], force)
@@ -173,10 +175,7 @@ def test_a_broken_calibration_is_named_in_one_line(tmp_path: Path, old: str, new
     assert old in text
     path = tmp_path / "sheet.toml"
     path.write_text(text.replace(old, new, 1))
-    with pytest.raises(InputError) as error:
-        calibration.load(path)
-    assert said in str(error.value)
-    assert "\n" not in str(error.value)
+    assert said in str(refused(calibration.load, path))
 
 
 def test_intervals_hold_the_creep_of_loads_that_are_not_certain() -> None:

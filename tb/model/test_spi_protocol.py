@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_plans import refused
 
 from dermis.chip import spi_protocol as spi
 from dermis.chip.register_map import REGISTERS
-from dermis.errors import InputError
 
 
 def answering(answer: bytes) -> Callable[[bytes], bytes]:
@@ -232,10 +232,7 @@ def test_no_mask_is_empty_and_no_row_waits_longer_than_the_whole_frame(
     ],
 )
 def test_what_rows_of_interest_cannot_take_is_one_line(call: Callable[[], object], said: str) -> None:
-    with pytest.raises(InputError) as caught:
-        call()
-    assert said in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert said in str(refused(call))
 
 
 def test_no_bit_of_an_opcode_makes_a_write_of_a_read() -> None:
