@@ -10,6 +10,7 @@ import pytest
 import tolerances
 
 from dermis.scene.design import ROOT
+from scripts.markdown import filled
 
 
 def test_numpy_raises_in_every_test() -> None:
@@ -82,10 +83,9 @@ def test_a_seeded_division_by_zero_in_the_lock_step_is_an_error(tmp_path: Path, 
     path = ROOT / "models/dermis/lockstep/lockstep.c"
     right, wrong, message = FAULTS[fault]
     if fault != "none":
-        source = path.read_text(encoding="utf-8")
-        assert source.count(right) == 1
+        text = filled(path.read_text(encoding="utf-8"), {right: wrong}, path.name)
         path = tmp_path / "seeded.c"
-        path.write_text(source.replace(right, wrong))
+        path.write_text(text)
     found = subprocess.run(
         [sys.executable, "-c", LOCKSTEP, str(path)], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dermis import plan
 from dermis.chip import hdl
 from dermis.processes import pool
 from dermis.records import Plan
 from scripts import lint
+from scripts.markdown import filled
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
@@ -25,9 +25,7 @@ from system_bench import MakePlan
 def resistance_plan(tmp_path: Path) -> MakePlan:
     """Make the cosim plan of resistances [rows, cols] or [frames, rows, cols] in ohm."""
 
-    def make(
-        ohm: NDArray[np.float64], topology: str = "conveyor_mirror", effects: str = "", more: str = ""
-    ) -> Plan:
+    def make(ohm: np.ndarray, topology: str = "conveyor_mirror", effects: str = "", more: str = "") -> Plan:
         ohm = np.asarray(ohm, dtype=float)
         np.save(tmp_path / "taxels.npy", ohm)
         scene = tmp_path / "scene.toml"
@@ -48,10 +46,9 @@ def faulty_chip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[st
     def change(file: str, right: str, wrong: str) -> None:
         sources = lint.rtl_sources()
         at = next(i for i, source in enumerate(sources) if source.name == file)
-        text = sources[at].read_text()
-        assert text.count(right) == 1, "the fault no longer fits the chip"
+        text = filled(sources[at].read_text(), {right: wrong}, file)
         sources[at] = tmp_path / file
-        sources[at].write_text(text.replace(right, wrong))
+        sources[at].write_text(text)
         monkeypatch.setattr(hdl, "rtl_sources", lambda: sources)
 
     return change

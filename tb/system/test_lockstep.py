@@ -15,6 +15,7 @@ import pytest
 from dermis.chip import hdl
 from dermis.lockstep import ngspice
 from dermis.scene.design import ROOT
+from scripts.markdown import filled
 
 EXAMPLES = ROOT / "docs" / "examples"
 LIMIT_S = 60.0
@@ -55,13 +56,12 @@ FAULTS = {
 )
 def test_an_example_sees_a_fault(fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     right, wrong, name = FAULTS[fault]
-    text = ngspice.LOOP_SOURCE.read_text()
-    assert text.count(right) == 1
-    (tmp_path / "clock_loop.c").write_text(text.replace(right, wrong))
+    source = tmp_path / "clock_loop.c"
+    source.write_text(filled(ngspice.LOOP_SOURCE.read_text(), {right: wrong}, source.name))
     work = tmp_path / "run"
     work.mkdir()
     seed = "from pathlib import Path\nfrom dermis.lockstep import ngspice\n"
-    seed += f"ngspice.LOOP_SOURCE = Path({str(tmp_path / 'clock_loop.c')!r})\n"
+    seed += f"ngspice.LOOP_SOURCE = Path({str(source)!r})\n"
     shutil.copytree(EXAMPLES / name, tmp_path / "seeded")
     module = tmp_path / "seeded" / f"seeded_{fault}.py"
     module.write_text(seed + (EXAMPLES / name / f"test_{name}.py").read_text())
@@ -410,9 +410,7 @@ TESTS = {
 
 @pytest.mark.parametrize("simulator", ["icarus", pytest.param("verilator", marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", TESTS)
-def test_own_verilog_and_spice(
-    name: str, simulator: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_own_circuits(name: str, simulator: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     delayed = "a_delay_is_an_error_by_name_or_exact", "two_edges_of_a_source_within_settle_s"
     if simulator == "verilator" and name in ("an_x_is_named", *delayed):
         pytest.skip("Verilator has no X, and ignores delays as it is built here")

@@ -18,6 +18,7 @@ from dermis.errors import InputError, SimulatorError
 from dermis.processes import children
 from dermis.records import Plan
 from dermis.scene.design import TOPOLOGIES
+from scripts.markdown import filled
 
 
 def random_ohm(seed: int, *shape: int) -> np.ndarray:
@@ -99,9 +100,7 @@ def test_an_effect_alone_equals_the_event_engine(resistance_plan: MakePlan, name
 @pytest.mark.parametrize("simulator", ["icarus", pytest.param("verilator", marks=pytest.mark.long)])
 @pytest.mark.parametrize("topology", ["conveyor_mirror", pytest.param("direct", marks=pytest.mark.long)])
 @pytest.mark.paper
-def test_all_effects_together_equal_the_event_engine(
-    resistance_plan: MakePlan, simulator: str, topology: str
-) -> None:
+def test_all_effects_equal_the_event_engine(resistance_plan: MakePlan, simulator: str, topology: str) -> None:
     ohm = random_ohm(6, 2, 2, 3)  # columns at an edge and between others; Icarus takes 0.8 s for each
     made = resistance_plan(ohm, topology, scene_of(effects_of(topology)))
     for sync_latch in (False, True) if simulator == "icarus" else (False,):
@@ -111,9 +110,7 @@ def test_all_effects_together_equal_the_event_engine(
         assert np.abs(got - closed.run(resistance_plan(ohm)).codes).max() > 3, "too small to be seen"
 
 
-def test_one_build_serves_scenes_that_differ_in_values_only(
-    resistance_plan: MakePlan, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_build_serves_other_values(resistance_plan: MakePlan, monkeypatch: pytest.MonkeyPatch) -> None:
     first = resistance_plan(random_ohm(9, 2, 4), effects="mirror_ratio = { ratio_error = 0.01 }")
     rtl.run(first, simulator="icarus")
 
@@ -121,9 +118,8 @@ def test_one_build_serves_scenes_that_differ_in_values_only(
         pytest.fail("a second build")
 
     monkeypatch.setattr(children, "run_logged", compile_again)
-    second = resistance_plan(
-        random_ohm(10, 5, 2, 4), effects="mirror_ratio = { ratio_error = [0.1, -0.1, 0, 0.2] }"
-    )
+    errors = "mirror_ratio = { ratio_error = [0.1, -0.1, 0, 0.2] }"
+    second = resistance_plan(random_ohm(10, 5, 2, 4), effects=errors)
     assert np.array_equal(rtl.run(second, simulator="icarus").codes, closed.run(second).codes)
 
 
@@ -142,11 +138,8 @@ FAULTS = {
 
 def with_fault(folder: Path, file: str, right: str, wrong: str) -> Path:
     """A copy of the models with one change."""
-    models = folder / "models"
-    shutil.copytree(rtl.MODELS, models)
-    text = (models / file).read_text()
-    assert text.count(right) == 1, "the fault no longer fits the model"
-    (models / file).write_text(text.replace(right, wrong))
+    models = shutil.copytree(rtl.MODELS, folder / "models")
+    (models / file).write_text(filled((models / file).read_text(), {right: wrong}, file))
     return models
 
 
@@ -160,9 +153,7 @@ def test_a_fault_in_a_model_is_caught(
     assert not np.array_equal(wrong, closed.run(made).codes)
 
 
-def test_verilator_is_refused_where_no_directory_is_without_a_space(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_verilator_needs_a_path_without_a_space(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """tb/system/test_wheel.py has the builds themselves, which go into the environment if build/ has a space."""
     monkeypatch.setattr(hdl, "BUILD", tmp_path / "two words")
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "two words"))
@@ -205,9 +196,7 @@ def writes(text: str) -> str:
         (writes(BIT_LOST), "frame 0: frame of 18 bytes: CRC"),
     ],
 )
-def test_a_bad_result_is_a_simulator_error(
-    resistance_plan: MakePlan, tmp_path: Path, program: str, said: str
-) -> None:
+def test_bad_results_are_errors(resistance_plan: MakePlan, tmp_path: Path, program: str, said: str) -> None:
     made = resistance_plan(random_ohm(12, 2, 2))
     with pytest.raises(SimulatorError, match=re.escape(said)):
         rtl.simulate(made, [sys.executable, "-c", program], tmp_path, 1, lambda rows: None)
