@@ -21,9 +21,8 @@ class Channels:
     """Charge balance of mismatched columns, in packets; methods as in AnalogColumns."""
 
     def __init__(self, s: Mapping[str, Any]) -> None:
-        self.duty, self.dark, self.full, self.packet = (
-            np.array(s[name]) for name in ("duty", "dark", "full", "packet")
-        )
+        names = "duty", "dark", "full", "packet"
+        self.duty, self.dark, self.full, self.packet = (np.array(s[name]) for name in names)
         self.bits = 1 << np.arange(len(self.dark))
         self.w = np.full(len(self.dark), -0.5)
 
@@ -59,12 +58,5 @@ async def calibrate(dut: Any) -> None:
     while not int(dut.frame_ready_o.value):
         await Timer(10, "us")
     frame = await host.frame()
-    report(
-        {
-            "dark": made.dark.tolist(),
-            "full": made.full.tolist(),
-            "verdict": made.verdict,
-            "codes": frame.codes.tolist(),
-            "transactions": count,
-        }
-    )
+    seen = {"dark": made.dark.tolist(), "full": made.full.tolist(), "verdict": made.verdict}
+    report(seen | {"codes": frame.codes.tolist(), "transactions": count})

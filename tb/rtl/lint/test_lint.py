@@ -16,6 +16,7 @@ from scripts.markdown import filled
 pytestmark = pytest.mark.timeout(120)
 ROOT = Path(__file__).resolve().parents[3]
 TOOLS = ("icarus", "verilator", "yosys")
+PROGRAMS = ("iverilog", "verilator_bin", "yosys")
 
 
 @pytest.fixture
@@ -167,15 +168,13 @@ def test_impossible_parameters_stop_every_tool_by_name(
     monkeypatch.setattr(lint, "output_of", recorded)
     rows = {row["name"]: row["status"] for row in lint.run_lint()}
     assert [rows[f"lint.{tool}.impossible"] for tool in TOOLS] == ["FAIL"] * 3
-    assert set(outputs) == {"iverilog", "verilator_bin", "yosys"}
+    assert set(outputs) == set(PROGRAMS)
     for name, output in outputs.items():
         assert rule in output, name
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("program", "tool"), [*zip(["iverilog", "verilator_bin", "yosys"], TOOLS, strict=True)]
-)
+@pytest.mark.parametrize(("program", "tool"), [*zip(PROGRAMS, TOOLS, strict=True)])
 @pytest.mark.parametrize(
     ("script", "note"), [("exit 0", "no result"), ("exit 139", "exit 139"), ("sleep 60", "within")]
 )

@@ -101,9 +101,7 @@ class ReaderBench:
     def _record(self, row_select: int, preset: int, charge: int) -> None:
         dut = self.dut
         if self.s.get("checks", True):
-            assert row_select & (row_select - 1) == 0, (
-                f"rows {row_select:b} driven together at edge {self.edge}"
-            )
+            assert row_select & (row_select - 1) == 0, f"rows {row_select:b} together at edge {self.edge}"
             assert not self.row_select or row_select in (0, self.row_select), f"no break at edge {self.edge}"
             assert preset or row_select in (0, self.row_select), f"row driven in a gate at edge {self.edge}"
             assert charge & self.charge == 0, f"charge pulse longer than a clock at edge {self.edge}"
@@ -164,14 +162,8 @@ async def frames(dut: Any) -> None:
         await bench.run(1)
         bench.set({name: 0 for name in ("shot_i", "test_i") if name in change})
     await bench.run_slots(s["slots"] - len(bench.slots), limit=s["limit"])
-    report(
-        {
-            "slots": bench.slots,
-            "switches": bench.switches,
-            "frame_starts": bench.frame_starts,
-            "scanning": int(dut.scanning_o.value),
-        }
-    )
+    seen = {name: getattr(bench, name) for name in ("slots", "switches", "frame_starts")}
+    report(seen | {"scanning": int(dut.scanning_o.value)})
 
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")

@@ -25,9 +25,7 @@ SYNCHRONIZERS = pytest.mark.parametrize("sync_latch", [0, 1], ids=["sync_ff", "s
 INJECT, DARK, FULL_EVEN, FULL_ODD = 0xF0, 0xF1, 0xF2, 0xF3
 
 
-def read(
-    simulator: str, x: list[list[Duty]], shape: dict[str, int], slots: int | None = None, **scenario: Any
-) -> Any:
+def read(simulator: str, x: list[list[Duty]], shape: dict, slots: int | None = None, **scenario: Any) -> Any:
     """Simulate `slots` slots (one frame by default) of the array `x`.
 
     `shape` has Verilog parameters in capitals, and gate and settle, which are inputs.
@@ -123,11 +121,8 @@ def reads_every_row(simulator: str, shape: dict[str, int], slots: int, **scenari
     last = p["ROWS"] - 1
     for s, slot in enumerate(result["slots"]):
         row = s % p["ROWS"]
-        seen = [
-            slot[key]
-            for key in ("slot", "first", "last", "test_frame", "dark_frame", "gate_clocks", "row_fault")
-        ]
-        assert seen == [row, row == 0, row == last, 0, 0, p["gate"], 0]
+        keys = "slot first last test_frame dark_frame gate_clocks row_fault".split()
+        assert [slot[key] for key in keys] == [row, row == 0, row == last, 0, 0, p["gate"], 0]
 
 
 @pytest.mark.parametrize(
@@ -187,9 +182,7 @@ def test_every_sample_of_the_gate_counts_and_no_other(simulator: str, sync_latch
 @pytest.mark.long
 @SYNCHRONIZERS
 @pytest.mark.parametrize("rate", [0, 0x4000, 0x5555, 0x8000, 0xFFFF])
-def test_a_self_test_frame_injects_the_same_pulses_everywhere(
-    simulator: str, sync_latch: int, rate: int
-) -> None:
+def test_a_self_test_injects_the_same_pulses_everywhere(simulator: str, sync_latch: int, rate: int) -> None:
     """Level of sample n: the carry of add n - 1; a synchronizer takes every second of consecutive ones at most."""
     p = SMALL | {"gate": 60, "settle": 10, "SYNC_LATCH": sync_latch}
     settings = {"continuous_i": 0, "test_rate_i": rate}

@@ -10,19 +10,12 @@ pytestmark = pytest.mark.timeout(120)
 
 
 @pytest.mark.parametrize(("cols", "bits"), [(1, 2), (5, 3)])
-def test_columns_come_out_in_order_behind_a_load_and_valid_marks_it(
-    simulator: str, cols: int, bits: int
-) -> None:
+def test_columns_come_in_order_behind_a_load_and_valid_marks_it(simulator: str, cols: int, bits: int) -> None:
     p = {"COLS": cols, "COUNT_BITS": bits}
     rng = random.Random(10)
-    steps = [
-        {
-            "load_i": rng.random() < 0.1,
-            "shift_i": rng.random() < 0.7,
-            "counts_i": rng.getrandbits(cols * bits),
-        }
-        for _ in range(2000)
-    ]
+    ports = "load_i", "shift_i", "counts_i"
+    drawn = ((rng.random() < 0.1, rng.random() < 0.7, rng.getrandbits(cols * bits)) for _ in range(2000))
+    steps = [dict(zip(ports, values, strict=True)) for values in drawn]
     seen = play(simulator, "dermis_row_buffer", steps, ["count_o", "valid_o"], p)
     words = [0] * cols
     loads = emptied = 0

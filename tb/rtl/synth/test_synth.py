@@ -23,9 +23,7 @@ from scripts.synth.timing import Timing
 
 pytestmark = pytest.mark.timeout(240)
 LIBRARY = synth_cells.OSU035 / "osu035_stdcells.lib"
-needs_osu035 = pytest.mark.skipif(
-    not LIBRARY.is_file(), reason="qflow-tech-osu035 of Debian is not installed"
-)
+needs_osu035 = pytest.mark.skipif(not LIBRARY.is_file(), reason="qflow-tech-osu035 of Debian is not there")
 needs_sta = pytest.mark.skipif(shutil.which("sta") is None, reason="opensta of Debian is not installed")
 OSU035 = TECHNOLOGIES["osu035"]
 COUNTER = "dermis_gated_counter"
@@ -33,6 +31,7 @@ SYNC = "dermis_sync_latch"
 SIZE = Size(2, 2)
 
 Edit = Callable[[str], str]
+Chip = tuple[list[verdict.Row], Netlist]
 
 
 def block(tmp_path: Path, module: str = COUNTER, edit: Edit = lambda text: text) -> Netlist:
@@ -55,7 +54,7 @@ def judged(netlist: Netlist, latches: int = 0) -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def chip(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[verdict.Row], Netlist]:
+def chip(tmp_path_factory: pytest.TempPathFactory) -> Chip:
     """A small chip after all that `dermis synth` does with it."""
     directory = tmp_path_factory.mktemp("chip")
     with pytest.MonkeyPatch.context() as patch:
@@ -67,9 +66,7 @@ def chip(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[verdict.Row], N
 @pytest.mark.long
 @needs_osu035
 @needs_sta
-def test_a_small_chip_maps_is_proved_equal_and_meets_its_clocks(
-    chip: tuple[list[verdict.Row], Netlist],
-) -> None:
+def test_a_small_chip_maps_is_proved_equal_and_meets_its_clocks(chip: Chip) -> None:
     rows, flat = chip
     assert [row for row in rows if row["status"] != "PASS"] == []
     found = set(status(rows))
@@ -162,9 +159,7 @@ def test_the_memory_can_stay_a_black_box_and_the_hierarchy_be_kept(tmp_path: Pat
         (SYNC, [("  NAND2X1 ", "  AND2X1 ")]),
     ],
 )
-def test_a_netlist_is_proved_equal_and_a_changed_one_is_not(
-    tmp_path: Path, module: str, faults: list[tuple[str, str]]
-) -> None:
+def test_a_netlist_is_proved_equal_and_a_changed_one_not(tmp_path: Path, module: str, faults: list) -> None:
     made, changed = block(tmp_path, module), tmp_path / "changed.v"
     right = made.verilog.read_text()
     for old, new in [("", ""), *faults]:
@@ -246,9 +241,7 @@ def test_the_constraints_hold_the_design_s_clock(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.long
 @needs_osu035
 @needs_sta
-def test_a_crossing_longer_than_a_period_and_derates_are_seen(
-    chip: tuple[list[verdict.Row], Netlist], tmp_path: Path
-) -> None:
+def test_a_crossing_longer_than_a_period_and_derates_are_seen(chip: Chip, tmp_path: Path) -> None:
     plain = Timing(OSU035, "typical", chip[1].verilog, tmp_path)
     found = plain.crossings(synth.sdc_periods() | {"clk": 1.0})
     assert found["clk"].slack_ns < 0 < found["sck"].slack_ns
@@ -258,9 +251,7 @@ def test_a_crossing_longer_than_a_period_and_derates_are_seen(
     assert all(derated[key].slack_ns < slack[key].slack_ns - 0.1 for key in slack)
 
 
-def test_a_netlist_is_mapped_again_if_its_inputs_or_its_files_change(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_netlist_is_mapped_again_after_a_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
 
     def fake(technology: synth_cells.Technology, parameters: object, directory: Path) -> Netlist:

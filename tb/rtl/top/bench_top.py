@@ -193,9 +193,8 @@ async def self_test(dut: Any) -> None:
         frame = await shot(chip, host, TEST)
         assert frame.test
         assert frame.slots[:4] == spi.SPECIAL_SLOTS
-        masks = {
-            n: await host.read(getattr(rm, f"{n.upper()}_FAULT")) for n in ("row", "inject", "dark", "full")
-        }
+        kinds = "row", "inject", "dark", "full"
+        masks = {n: await host.read(getattr(rm, f"{n.upper()}_FAULT")) for n in kinds}
         assert await host.read(rm.STATUS) & (TEST_DONE | FAULT) == TEST_DONE | FAULT * any(masks.values())
         injected = min(await host.read(rm.TEST_COUNT), 255)
         assert masks["inject"] == sum((n != injected) << c for c, n in enumerate(frame.slot(spi.SLOT_INJECT)))
@@ -554,9 +553,7 @@ async def wiring(dut: Any) -> None:
     await host.write(rm.TEST_RATE, rate)
     counts = []
     await host.write(rm.DARK_MAX, long)
-    for full_min, broken, lit in (
-        (long // 2 - 1, 0, 1), (long // 2 - 1, 1, 0), (long // 2 + 1, 0, 0)
-    ):  # fmt: skip
+    for full_min, broken, lit in ((long // 2 - 1, 0, 1), (long // 2 - 1, 1, 0), (long // 2 + 1, 0, 0)):
         await host.write(rm.FULL_MIN, full_min)
         chip.set_faults(rows_low=[rows - 1] * broken, comparators_high=[0] * lit)
         frame = await shot(chip, host, TEST)

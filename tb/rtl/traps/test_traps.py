@@ -123,13 +123,11 @@ TRAPS = {
     "preset_of_one_clock_60": short_preset(60, 2, [2, 1, 1, 1], {}),
     "preset_of_one_clock_60_latch": short_preset(60, 2, [2, 1, 2, 1], LATCH),
 }
-SHORT_RUN = ("wraps_512", "gate_511", "no_buffer")
+FAST = ("wraps_512", "gate_511", "no_buffer")
 """Each wrong variant is a build of its own: the others are for the long tests."""
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.long] * (n not in SHORT_RUN)) for n in TRAPS]
-)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.long] * (n not in FAST)) for n in TRAPS])
 def test_a_wrong_design_reads_its_own_number(name: str, tmp_path: Path) -> None:
     trap = TRAPS[name]
     settings = {"gate_i": trap.gate, "settle_i": trap.settle}
