@@ -2,6 +2,7 @@
 """Plans of given resistances and effects, and the errors of those that are refused."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,3 +47,7 @@ def made(
 
 def ohms(seed: int, *shape: int) -> np.ndarray:
     return 500.0 * 10 ** np.random.default_rng(seed).uniform(0, 2, shape)
+
+
+def with_break(plan: records.Plan, clocks: int) -> records.Plan:
+    return replace(plan, timing=replace(plan.timing, break_clocks=clocks))

@@ -1,23 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The break between two rows: what mirrors carry across it, in ngspice, the Verilog and the event engine."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from deck_bench import DeckReader
 from system_bench import MakePlan
 
 from dermis.engines import event, rtl
-from dermis.records import Plan
+from tb.model.made_plans import with_break
 
 MIRROR = "mirror_lag = { q_c = 9e-11 }\n"
 SOURCES = "mux_leakage = { i_a = 2e-5 }\ncolumn_offset = { v_v = 3e-4 }\n"
 EFFECTS = MIRROR + SOURCES
-
-
-def with_break(plan: Plan, clocks: int) -> Plan:
-    return replace(plan, timing=replace(plan.timing, break_clocks=clocks))
 
 
 def ohm(seed: int) -> np.ndarray:
@@ -26,7 +20,7 @@ def ohm(seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("clocks", [1, 100])
 @pytest.mark.paper
-def test_what_is_carried_across_a_break_reads_as_in_ngspice(
+def test_what_crosses_a_break_reads_as_in_ngspice(
     resistance_plan: MakePlan, reader: DeckReader, clocks: int
 ) -> None:
     made = with_break(resistance_plan(ohm(3), effects=EFFECTS), clocks)
@@ -38,9 +32,7 @@ def test_what_is_carried_across_a_break_reads_as_in_ngspice(
 
 
 @pytest.mark.parametrize("clocks", [1, 100])
-def test_what_is_carried_across_a_break_reads_alike_in_the_verilog(
-    resistance_plan: MakePlan, clocks: int
-) -> None:
+def test_what_crosses_a_break_reads_alike_in_the_verilog(resistance_plan: MakePlan, clocks: int) -> None:
     made = with_break(resistance_plan(ohm(4), effects=EFFECTS), clocks)
     got = rtl.run(made, simulator="icarus").codes.astype(int)
     assert np.array_equal(got, event.run(made).codes)
