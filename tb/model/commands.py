@@ -22,12 +22,10 @@ def run(command: click.Command, *arguments: object) -> tuple[int, str]:
     return done.return_value, done.output
 
 
-def read_array(
-    folder: Path, values: np.ndarray, *options: object, unit: str = "newtons", rate: float = 50
-) -> tuple[int, str]:
+def read_array(folder: Path, values: np.ndarray, *options: object, unit: str = "newtons") -> tuple[int, str]:
     """Read an array by the command, with results in out/."""
     np.save(folder / "touch.npy", values)
-    said = "--unit", unit, "--rate", rate, "--out", folder / "out"
+    said = "--unit", unit, "--rate", 50, "--out", folder / "out"
     return run(read_command, folder / "touch.npy", *said, *options)
 
 

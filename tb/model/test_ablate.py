@@ -17,11 +17,8 @@ CODES = list(range(3, 250, 8))
 
 
 def _world(tmp_path: Path, codes: list[int] = CODES, **effects: object) -> Scene:
-    data = {
-        "array": {"rows": 2, "cols": 2},
-        "stimulus": {"kind": "uniform", "code": codes},
-        "effects": effects,
-    }
+    stimulus = {"kind": "uniform", "code": codes}
+    data = {"array": {"rows": 2, "cols": 2}, "stimulus": stimulus, "effects": effects}
     return scene.from_data(data, tmp_path / "ablate.toml")
 
 
@@ -67,9 +64,8 @@ def test_long_scenes_are_ablated_where_most_happens(tmp_path: Path) -> None:
     part = made.busiest(6)
     assert (part.frames, part.first_frame <= 40, part.first_frame + 6 > 41) == (6, True, True)
     assert made.busiest(100) is made
-    full, costs = ablate.measure(
-        _world(tmp_path, codes, charge_packet={"packet_error": -0.02}), frames=2, pairs=1
-    )
+    world = _world(tmp_path, codes, charge_packet={"packet_error": -0.02})
+    full, costs = ablate.measure(world, frames=2, pairs=1)
     assert full.frames == 2
     assert _by_name(costs)["charge_packet"].code_max_lsb == 4  # 205 where 201 was
 

@@ -64,11 +64,8 @@ def test_methods_run_in_turns_slow_ones_once_and_a_failure_is_an_error_row() -> 
     points, [row] = simulator.measure([method("a", False), method("b", True), method("c", True)], 3)
     assert order == ["a", "b", "c", "a", "a"]
     assert [(p.method, p.seconds) for p in points] == [("a", 4.0), ("b", 2.0)]
-    assert [row[key] for key in ("name", "status", "note")] == [
-        "accuracy.frames.x.c.s",
-        "ERROR",
-        "it fell over",
-    ]
+    found = tuple(row[key] for key in ("name", "status", "note"))
+    assert found == ("accuracy.frames.x.c.s", "ERROR", "it fell over")
 
 
 def test_a_wrong_engine_is_off_the_reference_and_the_right_one_is_not() -> None:

@@ -91,9 +91,7 @@ def test_results_become_tables(forces: np.ndarray) -> None:
     assert np.array_equal(frame["applied_force_n"].to_numpy(), forces.reshape(-1))
 
 
-def test_a_table_without_its_module_says_what_to_install(
-    forces: np.ndarray, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_table_without_pandas_says_what_to_do(forces: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     remedy = "environment: pandas = not installed: .* -m pip install pandas xarray"
     with pytest.raises(dermis.InputError, match=remedy):

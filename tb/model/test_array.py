@@ -101,9 +101,7 @@ def test_offsets_and_leaks_are_right_to_the_size_of_what_cancels(network: Networ
         pytest.param((16, 16), {}, marks=pytest.mark.long),
     ],
 )
-def test_a_frame_with_everything_on_is_the_full_nodal_matrix(
-    shape: tuple[int, int], off: dict[str, float]
-) -> None:
+def test_a_frame_with_everything_is_the_nodal_matrix(shape: tuple[int, int], off: dict[str, float]) -> None:
     network = Network(1 / np.random.default_rng(3).uniform(500, 64250, shape), 0.5, **EVERYTHING | off)
     slot = shape[0] // 2
     reference = nodal.column_currents(network, digits=25, slots=[slot])[0]

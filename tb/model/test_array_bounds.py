@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bound of the array solve's error against 120 digits, its checks against seeded faults, and what is refused."""
 
-import dataclasses
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,26 +30,23 @@ def wild_network(rng: np.random.Generator) -> Network:
     rows, cols = rng.integers(1, 5, 2)
     decades = rng.choice([1, 4, 9, 14])
     low, high = (-3, 15) if decades > 4 else (2, 7)
+    reach = min(decades, 9)
     g = 10 ** -rng.uniform(low, high, (rows, cols))
     g[rng.random((rows, cols)) < rng.choice([0, 0.3])] = 0.0
 
     def series() -> float:
-        return rng.choice(
-            [0.0, 10 ** rng.uniform(-min(decades, 9), min(decades, 9)), 10 ** rng.uniform(0, 3)]
-        )
+        return rng.choice([0.0, 10 ** rng.uniform(-reach, reach), 10 ** rng.uniform(0, 3)])
 
     driven = series()
     grounded = rng.choice([driven, series(), np.inf])
     r_column = np.array([series() for _ in range(cols)])
-    trace_row, trace_column = (
-        rng.choice([0.0, 0.0, 10 ** rng.uniform(-min(2 * decades, 23), min(decades, 9))]) for _ in range(2)
-    )
-    if min(driven, grounded) + trace_row > 0 and (r_column + trace_column > 0).all():
+    traces = [rng.choice([0.0, 0.0, 10 ** rng.uniform(-min(2 * decades, 23), reach)]) for _ in range(2)]
+    if min(driven, grounded) + traces[0] > 0 and (r_column + traces[1] > 0).all():
         g[rng.random((rows, cols)) < rng.choice([0, 0.2])] = np.inf
     lateral = [rng.choice([0.0, 10 ** rng.uniform(-9, 9)]) for _ in range(2)]
     offset = rng.choice([0, 1, -1, 2], cols) * 10 ** rng.uniform(-20, 3) * rng.choice([0, 1])
     leak = rng.choice([0, 1, -1], cols) * 10 ** rng.uniform(-15, -3) * rng.choice([0, 1])
-    return Network(g, 0.5, driven, grounded, r_column, offset, *lateral, trace_row, trace_column, leak)
+    return Network(g, 0.5, driven, grounded, r_column, offset, *lateral, *traces, leak)
 
 
 def fraction_used(network: Network) -> float:
@@ -57,7 +54,7 @@ def fraction_used(network: Network) -> float:
     used, without = [0.0], ({"v_column_offset_v": 0.0, "i_leak_a": 0.0}, {"v_bias_v": 0.0})
     for (part, bound), kept in zip(nodal.bounded(network), without, strict=True):
         if part is not None:
-            error = np.abs(part - nodal.column_currents(dataclasses.replace(network, **kept), 120))
+            error = np.abs(part - nodal.column_currents(replace(network, **kept), 120))
             used.append(float((error / (bound + STAND_IN_A)).max()))
     return max(used)
 
@@ -74,27 +71,21 @@ CANCELS = Network(np.array([[1e12, 1e3], [1e-3, 2e-3]]), 0.5, 1e6, 0.0, 1e-12, [
 @pytest.mark.parametrize("draws", [60, pytest.param(3000, marks=pytest.mark.long)])
 def test_no_current_is_further_from_the_nodal_matrix_than_its_bound(draws: int) -> None:
     rng = np.random.default_rng(7)
-    used = [
-        fraction_used(network)
-        for network in (NEARLY_OPEN, CANCELS, *(wild_network(rng) for _ in range(draws)))
-    ]
-    assert max(used) <= 1.0, "the bound is derived, not fitted"
-    assert max(used) > 1e-3, "a bound a thousand times too wide says little"
+    networks = (NEARLY_OPEN, CANCELS, *(wild_network(rng) for _ in range(draws)))
+    used = max(map(fraction_used, networks))
+    assert used <= 1.0, "the bound is derived, not fitted"
+    assert used > 1e-3, "a bound a thousand times too wide says little"
 
 
-def test_bounds_from_residuals_hold_where_counted_roundings_say_too_little(
+def test_bounds_of_residuals_hold_where_counted_roundings_say_little(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(array_module, "_COUNTED_ENOUGH", 0.0)
     # As in an array so large that counting says nothing.
     monkeypatch.setattr(solve_error, "part", lambda *_: np.inf)
     rng = np.random.default_rng(8)
-    lines = [
-        dataclasses.replace(wild_network(rng), r_trace_column_ohm=10 ** rng.uniform(-3, 3)) for _ in range(30)
-    ]
-    assert 1e-6 < max(map(fraction_used, lines)) <= 1.0, (
-        "a bound by condition is wide, a millionth is something"
-    )
+    lines = [replace(wild_network(rng), r_trace_column_ohm=10 ** rng.uniform(-3, 3)) for _ in range(30)]
+    assert 1e-6 < max(map(fraction_used, lines)) <= 1.0, "a bound by condition is wide; a millionth is some"
 
 
 @pytest.mark.parametrize("grounded_ohm", [50.0, 80.0, 20.0])
@@ -201,7 +192,7 @@ def test_every_engine_reports_its_solves(write_scene: Callable[..., Path]) -> No
     effects = "column_offset = { v_v = 1e-3 }\ncolumn_input = { r_ohm = 0.5 }\nlateral = { r_ohm = 1e3 }"
     world = made(write_scene, effects, OHM)
     for engine in ("closed", "event"):
-        report = engines.run(dataclasses.replace(world, engine=engine)).info["array"]
+        report = engines.run(replace(world, engine=engine)).info["array"]
         assert report["solves"] == 1
         # A few roundings; a bound above what it bounds and far below what a code bears; the lateral resistors, two
         # rows of 1 mS, beside inputs of 2 S.
@@ -219,11 +210,10 @@ def test_a_code_that_rounding_may_move_is_refused_by_name(write_scene: Callable[
     # code.
     lateral = "lateral = { r_ohm = 1e-12 }\n"
     world = made(write_scene, lateral + "column_offset = { v_v = [1.0, 0.0, -1.0] }", OHM)
+    said = r"row \d, column 1 is uncertain by .* LSB .* use resistances closer"
     for engine in ("closed", "event"):
-        with pytest.raises(
-            SimulatorError, match=r"row \d, column 1 is uncertain by .* LSB .* use resistances closer"
-        ):
-            engines.run(dataclasses.replace(world, engine=engine))
+        with pytest.raises(SimulatorError, match=said):
+            engines.run(replace(world, engine=engine))
     # 1e12 A one way are a code of 0 or 255 whatever their last digits.
     codes = engines.run(made(write_scene, lateral + "column_offset = { v_v = [1.0, 0.0, 0.0] }", OHM)).codes
     assert codes[0, :, 0].tolist() == [0, 0]
@@ -233,11 +223,9 @@ def test_a_code_that_rounding_may_move_is_refused_by_name(write_scene: Callable[
 def test_shorts_across_ideal_sources_are_refused_by_name(write_scene: Callable[..., Path]) -> None:
     world = made(write_scene, "column_offset = { v_v = [0.0, 1e-3, 0.0] }", "1e3,2e3,3e3\n4e3,0,6e3\n")
     for engine in ("closed", "event", "rtl", "cosim"):
-        with pytest.raises(
-            InputError, match=r"taxel at row 1, column 1 in frame 0 = 0 ohm: above 0"
-        ) as error:
-            engines.run(dataclasses.replace(world, engine=engine))
-        assert "column_offset" in str(error.value)
+        with pytest.raises(InputError, match=r"taxel at row 1, column 1 in frame 0 = 0 ohm: above 0") as said:
+            engines.run(replace(world, engine=engine))
+        assert "column_offset" in str(said.value)
     # Each of these gives the current an end.
     for more in (
         "row_driver = { r_ohm = 1.0 }",

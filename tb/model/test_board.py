@@ -73,9 +73,8 @@ def test_a_session_calibrates_a_board_and_the_command_reads_its_counts(tmp_path:
     known, _ = calibrate.session(session)
     known.save(tmp_path / "sheet.toml")
     again = calibration.load(tmp_path / "sheet.toml")
-    replace(known, curve=replace(known.curve, coefficients=-known.curve.coefficients)).save(
-        tmp_path / "no.toml"
-    )
+    curve = replace(known.curve, coefficients=-known.curve.coefficients)
+    replace(known, curve=curve).save(tmp_path / "no.toml")
     with pytest.raises(InputError, match="no force at any"):
         calibration.load(tmp_path / "no.toml")
     assert (again.falling, again.divider, again.code_max) == (side == "supply", True, 4095)

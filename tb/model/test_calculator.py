@@ -138,9 +138,7 @@ IMPOSSIBLE = [
 
 @pytest.mark.paper
 @pytest.mark.parametrize(("name", "targets", "said"), IMPOSSIBLE)
-def test_impossible_targets_name_the_limit_and_the_nearest_ones_meet_it(
-    name: str, targets: dict[str, Any], said: str
-) -> None:
+def test_impossible_targets_name_a_limit_and_the_nearest_meet_it(name: str, targets: dict, said: str) -> None:
     answer = solve(make_targets(**targets))
     assert not answer.feasible
     row = judged(answer)[name]
@@ -215,9 +213,7 @@ def test_wrong_targets_are_refused_in_one_line(arguments: list[str], said: str) 
 
 
 @pytest.mark.parametrize(("arguments", "code"), [([], 0), (["--k", "50"], 1)])
-def test_the_command_prints_the_design_and_exits_by_the_verdict(
-    arguments: list[str], code: int, build: Path
-) -> None:
+def test_the_command_prints_the_design_and_its_verdict(arguments: list[str], code: int, build: Path) -> None:
     run = CliRunner().invoke(calculator.calc_command, arguments)
     assert run.exit_code == code
     for word in ("f_clk_hz", "gate_clocks", "i0_a", "v_bias_v", "c_int_f", "code by eq. (3)", "kt_c_lsb"):

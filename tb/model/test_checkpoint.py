@@ -38,17 +38,13 @@ def test_a_foreign_file_is_ignored(tmp_path: Path, text: str) -> None:
     assert json.loads(path.read_text()) == {"stamp": "code", "pieces": {"a": 1}}
 
 
-def test_an_interrupted_run_continues_and_faults_have_no_piece(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_ended_goes_on_and_keeps_no_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
 
     def run_until(last: int) -> None:
         """Stand in for `workers.run`, interrupted at a task."""
 
-        def run(
-            tasks: Iterable[workers.Task], *_: object, **__: object
-        ) -> Iterator[tuple[int, workers.Outcome]]:
+        def run(tasks: Iterable[workers.Task], *_: object, **__: object) -> Iterator[tuple]:
             for number, task in enumerate(tasks):
                 (n,) = task.arguments
                 if n == last:

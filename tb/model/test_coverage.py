@@ -19,9 +19,7 @@ def point(module: str, what: str, line: int, count: int, page: str = "v_toggle")
     return "C '" + "".join(f"\x01{k}\x02{v}" for k, v in keys.items()) + f"' {count}\n"
 
 
-def left(
-    place: Path, name: str, points: list[str], top: str = TOP, parameters: dict[str, int] = SIZES
-) -> None:
+def left(place: Path, name: str, points: list[str], top: str = TOP, parameters: dict = SIZES) -> None:
     place.mkdir(exist_ok=True)
     (place / f"run_{name}.dat").write_text("# SystemC::Coverage-3\n" + "".join(points))
     (place / f"run_{name}.json").write_text(json.dumps({"top": top, "parameters": parameters}))

@@ -27,11 +27,9 @@ EVERY = {"code": list(range(256))}
 
 
 @settings(max_examples=200, deadline=None)
-@given(
-    force=st.just(0.0) | st.floats(1e-30, 30), k=st.sampled_from([20, 80, 160]), v_bias_v=st.floats(0.1, 2)
-)
-def test_the_true_force_lies_in_the_interval_of_its_code(force: float, k: int, v_bias_v: float) -> None:
-    plan = made({"force_n": force}, interface={"k": k, "v_bias_v": v_bias_v})
+@given(force=st.just(0.0) | st.floats(1e-30, 30), k=st.sampled_from([20, 80, 160]), bias_v=st.floats(0.1, 2))
+def test_the_true_force_lies_in_the_interval_of_its_code(force: float, k: int, bias_v: float) -> None:
+    plan = made({"force_n": force}, interface={"k": k, "v_bias_v": bias_v})
     decoded = decode(plan, closed.run(plan).codes)
     slack = 1e-14 * force
     assert decoded.force_low_n[0, 0, 0] <= force + slack

@@ -85,9 +85,8 @@ def test_touches_between_frames_and_in_gaps_stay_inside(law: memory.MemoryLaw, d
     rng, taxels = np.random.default_rng(7), 60
     changes = np.cumsum(rng.integers(10, 90, (14, taxels)), axis=0)
     pressed = (np.arange(600)[:, np.newaxis, np.newaxis] >= changes).sum(axis=1)
-    force = np.take_along_axis(
-        rng.uniform(0.5, 10, (15, taxels)) * (np.arange(15) % 2)[:, None], pressed, axis=0
-    )
+    touches = rng.uniform(0.5, 10, (15, taxels)) * (np.arange(15) % 2)[:, None]
+    force = np.take_along_axis(touches, pressed, axis=0)
     forward, back = memory.SheetMemory(law, taxels), memory.SheetMemory(law, taxels)
     g = np.array([forward.apply(fine / 7500, dt_s / 10) for fine in force])[::10]
     g[20 : 20 + gap] = np.nan

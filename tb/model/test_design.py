@@ -187,12 +187,10 @@ def test_a_name_without_a_limit_is_not_judged() -> None:
 
 
 GOOD, BAD, LOST = (verdict.judge("frame.code_error_lsb", value, "taxel [3, 4]") for value in (0, 9, None))
-SKIPPED = verdict.skip("frame.code_error_lsb", "no [red] frames")
+SKIP = verdict.skip("frame.code_error_lsb", "no [red] frames")
 
 
-@pytest.mark.parametrize(
-    ("rows", "code"), [([GOOD, SKIPPED], 0), ([GOOD, BAD], 1), ([GOOD, LOST], 1), ([], 1)]
-)
+@pytest.mark.parametrize(("rows", "code"), [([GOOD, SKIP], 0), ([GOOD, BAD], 1), ([GOOD, LOST], 1), ([], 1)])
 def test_exit_code_misses_on_fail_on_error_and_on_no_rows(rows: list[verdict.Row], code: int) -> None:
     assert verdict.exit_code(rows) == code
 
@@ -210,7 +208,7 @@ def test_rows_are_written_as_strict_json_and_whole(tmp_path: Path, monkeypatch: 
 
 
 def test_the_table_shows_every_status_and_brackets_of_a_note(capsys: pytest.CaptureFixture[str]) -> None:
-    verdict.print_rows([GOOD, BAD, LOST, SKIPPED], "a title [/s]")
+    verdict.print_rows([GOOD, BAD, LOST, SKIP], "a title [/s]")
     shown = capsys.readouterr().out
     assert "a title [/s]" in shown
     assert "taxel [3, 4]" in shown

@@ -14,11 +14,7 @@ from dermis.records import Plan
 from dermis.scene import scene
 
 ENGINES = "closed", "event"
-
-
-@pytest.fixture(params=ENGINES)
-def engine(request: pytest.FixtureRequest) -> str:
-    return request.param
+pytestmark = pytest.mark.parametrize("engine", ENGINES)
 
 
 def make(engine: str, effects: dict[str, object] | None = None, **stimulus: object) -> Plan:

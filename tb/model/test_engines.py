@@ -41,9 +41,7 @@ def drawn(rng: np.random.Generator, names: list[str], topology: str) -> dict[str
 
 @settings(max_examples=120, deadline=None)
 @given(rng=SEEDS, topology=st.sampled_from(TOPOLOGIES))
-def test_closed_and_event_agree_with_every_effect_that_closed_does(
-    rng: np.random.Generator, topology: str
-) -> None:
+def test_closed_and_event_agree_on_every_effect_of_closed(rng: np.random.Generator, topology: str) -> None:
     honoured = [name for name, effect in EFFECTS.items() if effect.bound is bounds.honoured]
     ohm = rng.choice([0.0, math.inf, *rng.uniform(200.0, 1e4, 3), *10 ** rng.uniform(2, 6, 3)], 5)
     values = {"r_ohm": ohm.tolist()} if rng.random() < 0.5 else {"code": rng.integers(0, 256, 5).tolist()}
@@ -118,12 +116,8 @@ GATE = 30
 def short_gate(effects: dict[str, Any], ohm: list[float], topology: str = "conveyor_mirror") -> Plan:
     """A plan of one taxel a frame whose gate of 30 clocks counts 4 bits."""
     design = load_design().replace(timing={"code_bits": 4, "gate_clocks": GATE})
-    data = {
-        "array": {"rows": 1, "cols": 1},
-        "stimulus": {"kind": "uniform", "r_ohm": ohm},
-        "interface": {"topology": topology},
-        "effects": effects,
-    }
+    data = {"array": {"rows": 1, "cols": 1}, "stimulus": {"kind": "uniform", "r_ohm": ohm}}
+    data |= {"interface": {"topology": topology}, "effects": effects}
     return planning.make(scene.from_data(data, Path("made.toml"), design), "event")
 
 
@@ -150,14 +144,11 @@ def cells(plan: Plan) -> list[dict[str, Any]]:
 
 @pytest.mark.paper
 @pytest.mark.parametrize("topology", ["conveyor_mirror", "conveyor_mirror_inverted", "direct"])
-@pytest.mark.parametrize(
-    "kind", [*([name] for name in ALL), [], ALL], ids=lambda kind: "+".join(kind) or "none"
-)
+@pytest.mark.parametrize("kind", [*([name] for name in ALL), [], ALL], ids=lambda k: "+".join(k) or "none")
 def test_event_is_the_walk_in_fifty_digits_to_1e_12(kind: list[str], topology: str) -> None:
     rng, tried = np.random.default_rng(len(kind)), 0
-    if (
-        topology == "direct" and "integrator_gain" not in kind
-    ):  # bandwidth loads the column in a way of its own
+    # Bandwidth loads the column in a way of its own.
+    if topology == "direct" and "integrator_gain" not in kind:
         kind = [name for name in kind if name != "integrator_bandwidth"]
     for _ in range(8):
         on = {name: EFFECTS[name].draw(rng) for name in kind}
@@ -232,11 +223,8 @@ def test_an_error_of_the_converter_shifts_codes_by_its_formula(effects: dict[str
 def test_direct_interface_needs_a_gain_of_about_4000_on_a_full_column() -> None:
     # 16 taxels of 500 ohm hang on the virtual ground. Plateaus of one LSB ask for R_leak C >= 51 us.
     def worst(gain: float, topology: str) -> int:
-        data = {
-            "stimulus": {"kind": "uniform", "force_n": [14.5 + 0.01 * i for i in range(50)]},
-            "array": {"rows": 16, "cols": 1},
-            "interface": {"topology": topology},
-        }
+        stimulus = {"kind": "uniform", "force_n": [14.5 + 0.01 * i for i in range(50)]}
+        data = {"array": {"rows": 16, "cols": 1}, "stimulus": stimulus, "interface": {"topology": topology}}
         ideal = event.run(made(data)).codes.astype(int)
         data["effects"] = {"integrator_gain": {"gain_dc": gain, "r_in_ohm": 1e9}}
         return int(np.abs(event.run(made(data)).codes - ideal).max())

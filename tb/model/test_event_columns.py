@@ -41,9 +41,7 @@ TRACES = {"trace": {"r_row_ohm": 1.0, "r_column_ohm": 100.0}, "integrator_gain":
 
 
 @pytest.mark.parametrize("on", [*map(coupled, range(4)), TRACES])
-def test_conductances_between_virtual_grounds_are_what_an_offset_there_draws(
-    tmp_path: Path, on: dict[str, object]
-) -> None:
+def test_conductances_between_virtual_grounds_are_what_an_offset_draws(tmp_path: Path, on: dict) -> None:
     plan = made(tmp_path, ohms(20, 1, 3, 4), on, "direct")
     drawn = drawn_by_offsets(plan)
     found = np.broadcast_to(seen_from_grounds(plan.network(0), plan.conductance_s())[0], drawn.shape)
@@ -157,6 +155,5 @@ def test_verilog_columns_give_each_other_the_same(tmp_path: Path, seed: int, syn
     """Scenes in which that moves codes by 5 and 7."""
     plan = close_columns(np.random.default_rng(seed), tmp_path)
     late = replace(plan, timing=replace(plan.timing, charge_delay_clocks=0.5 if sync_latch else 1.0))
-    assert np.array_equal(
-        rtl.run(plan, simulator="icarus", sync_latch=sync_latch).codes, event.run(late).codes
-    )
+    codes = rtl.run(plan, simulator="icarus", sync_latch=sync_latch).codes
+    assert np.array_equal(codes, event.run(late).codes)

@@ -72,9 +72,7 @@ def test_every_frame_is_asked_for_its_ripple(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("relative", "f_hz"), [(0.8, 100e3), (0.3, 600e3), (0.05, 4.1e6)])
-def test_a_slower_or_smaller_ripple_beside_a_compression_is_taken(
-    tmp_path: Path, relative: float, f_hz: float
-) -> None:
+def test_slow_or_small_ripples_beside_compression_pass(tmp_path: Path, relative: float, f_hz: float) -> None:
     plan = rippling(tmp_path, 250 / 530, relative, f_hz, range_switch=compressed(0.6))
     assert event.refuses(plan) is None
     # What is left out without a word is below a count, which moves a code by one.

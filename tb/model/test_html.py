@@ -45,9 +45,8 @@ def run(tmp_path: Path) -> Path:
 def fetched(page: str) -> list[str]:
     """What a browser would fetch to show a page; scripts and styles inside it are left out."""
     page = re.sub(r"<script[^>]*>.*?</script>", "", page, flags=re.DOTALL)
-    return re.findall(r"""(?:src|href)=["'](?!data:|#)([^"']+)""", page) + re.findall(
-        r"url\((?!data:)[^)]*\)", page
-    )
+    found = re.findall(r"""(?:src|href)=["'](?!data:|#)([^"']+)""", page)
+    return found + re.findall(r"url\((?!data:)[^)]*\)", page)
 
 
 def test_page_of_a_run_says_what_happened_and_asks_nothing_of_a_network(run: Path, tmp_path: Path) -> None:
@@ -78,9 +77,7 @@ def test_page_of_a_run_says_what_happened_and_asks_nothing_of_a_network(run: Pat
     assert lead.count("<img") == 1
 
 
-def test_a_page_has_rows_figures_and_maps_of_its_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_page_has_rows_figures_maps_of_its_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (html, verdict):
         monkeypatch.setattr(module, "BUILD", tmp_path)
     monkeypatch.setattr(verdict, "WRITTEN", [])
@@ -130,9 +127,7 @@ def called(*arguments: str | Path) -> BaseException | None:
     ("scene", "said", "maps"),
     [("single_touch", "Worst taxels", 3), ("direct_readout", "Code less the ideal code: all equal.", 2)],
 )
-def test_option_html_writes_tables_and_runs_of_a_command(
-    tmp_path: Path, scene: str, said: str, maps: int
-) -> None:
+def test_option_html_writes_tables_and_runs(tmp_path: Path, scene: str, said: str, maps: int) -> None:
     page = tmp_path / "page.html"
     assert called("run", scene, "--out", tmp_path / "out", "--html", page) is None
     text = page.read_text()

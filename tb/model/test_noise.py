@@ -55,12 +55,10 @@ def test_draws_are_standard_normal_and_independent(stream: int) -> None:
         a, b = np.delete(drawn, -1, axis).ravel(), np.delete(drawn, 0, axis).ravel()
         # Five standard deviations.
         assert abs((a * b).mean()) < 5 / math.sqrt(a.size)
-    other = noise.normals(noise.cell_keys(8, 0, (40, 20, 25)), stream)
-    # Five standard deviations.
-    assert abs((drawn * other).mean()) < 5 / math.sqrt(n)
-    assert abs(
-        (drawn * noise.normals(noise.cell_keys(7, 0, (40, 20, 25)), noise.COIN)).mean()
-    ) < 5 / math.sqrt(n)
+    for seed, another in ((8, stream), (7, noise.COIN)):
+        other = noise.normals(noise.cell_keys(seed, 0, (40, 20, 25)), another)
+        # Five standard deviations.
+        assert abs((drawn * other).mean()) < 5 / math.sqrt(n)
 
 
 def test_walks_are_brownian() -> None:
@@ -133,29 +131,18 @@ def test_bits_with_noise_are_those_of_the_walk_that_draws_everything(kind: str) 
 
 def plan_of(effects: dict[str, object], code: float, frames: int, seed: int = 0) -> records.Plan:
     ohm = 250.0 * GATE / code if code else math.inf
-    data = {
-        "array": {"rows": 8, "cols": 16},
-        "stimulus": {"kind": "uniform", "r_ohm": [ohm] * frames},
-        "effects": effects,
-        "run": {"seed": seed},
-    }
+    data = {"array": {"rows": 8, "cols": 16}, "stimulus": {"kind": "uniform", "r_ohm": [ohm] * frames}}
+    data |= {"effects": effects, "run": {"seed": seed}}
     return planning.make(scene.from_data(data, Path("made.toml")))
 
 
-def monte_carlo(
-    x: float,
-    runs: int,
-    rng: np.random.Generator,
-    *,
-    jitter: float = 0.0,
-    charge: float = 0.0,
-    level: float = 0.0,
-) -> np.ndarray:
+def monte_carlo(x: float, jitter: float = 0.0, charge: float = 0.0, level: float = 0.0) -> np.ndarray:
     """Counts of converters walked clock by clock, every clock with numbers of its own, all from first principles.
 
     `jitter` rms of every clock edge in clocks: a packet runs from edge to edge, samples are taken at edges.
     `charge` rms of the charge of every clock; `level` rms of every decision.
     """
+    rng, runs = np.random.default_rng(3), 8000
     w, last, before = np.full(runs, -0.5), np.zeros(runs), np.zeros(runs)
     count = np.zeros(runs)
     late_edge = jitter * rng.standard_normal(runs)
@@ -171,6 +158,10 @@ def monte_carlo(
     return count
 
 
+# 2 kT A / (k^2 f) in C^2 a clock, A = 8 rows of x k i0 / V
+THERMAL_C2 = 2 * 1.380649e-23 * 300.15 * 3e4 * 8 * (0.2 * 80 * 25e-6 / 0.5) / (80**2 * 5e6)
+
+
 @pytest.mark.paper
 @pytest.mark.parametrize(
     ("effect", "reference"),
@@ -180,13 +171,7 @@ def monte_carlo(
         ({"shot_noise": {"factor": 400.0}}, {"charge": math.sqrt(2 * 400 * 1.602176634e-19 / 5e-12 * 0.2)}),
         (
             {"thermal_noise": {"temperature_c": 27.0, "factor": 3e4}},
-            # 2 kT A / (k^2 f) in C^2 a clock, A = 8 rows of x k i0 / V
-            {
-                "charge": math.sqrt(
-                    2 * 1.380649e-23 * 300.15 * 3e4 * 8 * (0.2 * 80 * 25e-6 / 0.5) / (80**2 * 5e6)
-                )
-                / 5e-12
-            },
+            {"charge": math.sqrt(THERMAL_C2) / 5e-12},
         ),
     ],
 )
@@ -195,7 +180,7 @@ def test_codes_beside_a_step_scatter_as_in_a_plain_monte_carlo_run(effect: dict,
     for away in (0.0, 0.05):
         code = 101.5 + away
         found = event.run(plan_of(effect, code, 60)).codes.astype(float).ravel()
-        plain = monte_carlo(code / GATE, 8000, np.random.default_rng(3), **reference)
+        plain = monte_carlo(code / GATE, **reference)
         spread = math.sqrt(max(plain.var(), 0.02) * (1 / found.size + 1 / plain.size))
         # Five standard deviations of the means; the variance of 0.25 is known to 0.006 from so many codes,
         # six of that.

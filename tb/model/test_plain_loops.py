@@ -31,9 +31,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
 
 @pytest.mark.paper  # a world is refused where a packet is twice as large
 @pytest.mark.parametrize("name", plain_loops.WORLDS)
-def test_plain_python_raises_nothing_and_gives_the_same_codes(
-    name: str, plain: dict[str, np.ndarray], tmp_path: Path
-) -> None:
+def test_plain_python_raises_nothing_and_gives_the_same_codes(name: str, plain: dict, tmp_path: Path) -> None:
     np.testing.assert_array_equal(plain_loops.codes(name, tmp_path), plain[name])
 
 

@@ -51,7 +51,7 @@ def test_a_changed_map_changes_every_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "named"),
+    ("old", "new", "said"),
     [
         ("} TEST_RATE @ 0x16;", "} TEST_RATE @ 0x16", "SystemRDL"),
         ('hw = r; desc = "pulses per clock', 'hw = rw; desc = "pulses per clock', "TEST_RATE.test_rate"),
@@ -59,13 +59,11 @@ def test_a_changed_map_changes_every_file(tmp_path: Path) -> None:
         ('lanes = "ROWS"; lane_bits = "1";', 'lane_bits = "1";', "ROW_MASK"),
     ],
 )
-def test_a_map_that_cannot_be_written_is_an_input_error(
-    tmp_path: Path, old: str, new: str, named: str
-) -> None:
+def test_a_map_that_cannot_be_written_is_wrong_input(tmp_path: Path, old: str, new: str, said: str) -> None:
     with pytest.raises(InputError) as caught:
         rf.files(DESIGN, map_with(tmp_path, (old, new)))
     assert caught.value.exit_code == 2
-    assert named in str(caught.value) or "SystemRDL" in str(caught.value)
+    assert said in str(caught.value) or "SystemRDL" in str(caught.value)
 
 
 def test_the_c_header_compiles_and_agrees(tmp_path: Path) -> None:

@@ -186,9 +186,7 @@ def test_the_page_on_scenes_holds_the_table_of_the_schema() -> None:
     assert scene.scenes_table() in page
 
 
-def test_a_name_is_a_stored_scene_unless_a_file_here_has_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_name_is_a_stored_scene_or_a_file_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("single_touch").mkdir()  # as the results of a run
     assert scene.find("single_touch") == scene.SCENES / "single_touch.toml"

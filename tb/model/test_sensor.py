@@ -40,10 +40,8 @@ def seeded(name: str) -> np.random.Generator:
     return np.random.default_rng(5)
 
 
-def aged(
-    resistance_ohm: Floats, t_frame_s: float = 2e-3, law: sensor.Sensor = INVERSE, **state: float
-) -> Floats:
-    return age(law, resistance_ohm, t_frame_s, SensorState(**state), 10e-3, seeded)
+def aged(ohm: Floats, t_frame_s: float = 2e-3, law: sensor.Sensor = INVERSE, **state: float) -> Floats:
+    return age(law, ohm, t_frame_s, SensorState(**state), 10e-3, seeded)
 
 
 def column(values: object) -> Floats:

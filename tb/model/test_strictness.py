@@ -150,9 +150,7 @@ TABLES = sorted({(kind, tuple(path[:-1])) for _, kind, path, _ in KEYS})
 
 
 @pytest.mark.parametrize(("kind", "table"), TABLES, ids=[f"{k}-{'.'.join(t)}" for k, t in TABLES])
-def test_a_key_that_is_not_known_is_named_with_those_that_are(
-    kind: str, table: tuple[str, ...], directory: Path
-) -> None:
+def test_an_unknown_key_is_named_with_known_ones(kind: str, table: tuple[str, ...], directory: Path) -> None:
     error = error_of(with_value(kind, [*table, "no_such_key"], 1), directory)
     assert error is not None
     assert error.key == ".".join([*table, "no_such_key"])

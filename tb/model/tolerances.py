@@ -75,9 +75,8 @@ def _compared(node: ast.Compare) -> Iterator[ast.expr]:
         for side, other in ((left, right), (right, left)):
             numbers = [abs(n) for n in _numbers(side) if n]
             near = isinstance(op, ast.Lt | ast.LtE) == (side is right)
-            if any(n <= SMALL for n in numbers) or (
-                near and _is_distance(other) and min(numbers, default=LARGE) < LARGE
-            ):
+            small = any(n <= SMALL for n in numbers)
+            if small or (near and _is_distance(other) and min(numbers, default=LARGE) < LARGE):
                 yield side
 
 
@@ -143,9 +142,8 @@ class _Python:
 
     def _handler(self, node: ast.ExceptHandler) -> None:
         names = {getattr(n, "id", "") for n in ast.walk(node.type)} if node.type else {"Exception"}
-        broad = names & {"Exception", "BaseException"} and not any(
-            isinstance(n, ast.Raise) for n in ast.walk(node)
-        )
+        raises = any(isinstance(n, ast.Raise) for n in ast.walk(node))
+        broad = names & {"Exception", "BaseException"} and not raises
         silent = all(isinstance(n, ast.Pass | ast.Continue) for n in node.body)
         if (silent or broad) and not self._commented(node.lineno, node.body[-1].end_lineno):
             kind = "swallowed" if silent else "caught whatever it is"
@@ -191,12 +189,8 @@ PLACES = ("models", "tb", "scripts")
 
 def files() -> list[Path]:
     """Every file of ours that could hold a tolerance."""
-    return sorted(
-        path
-        for place in PLACES
-        for path in (ROOT / place).rglob("*")
-        if path.suffix == ".py" and "__pycache__" not in path.parts
-    )
+    paths = (path for place in PLACES for path in (ROOT / place).rglob("*.py"))
+    return sorted(path for path in paths if "__pycache__" not in path.parts)
 
 
 def findings(paths: Iterable[Path]) -> list[Finding]:
