@@ -51,9 +51,7 @@ def effects_of(topology: str) -> dict[str, object]:
 def dermis(*arguments: str, limit_s: float = 120, **options: object) -> subprocess.CompletedProcess[str]:
     """Call the command line in a process of its own."""
     command = [sys.executable, "-m", "dermis", *arguments]
-    return subprocess.run(
-        command, capture_output=True, text=True, timeout=limit_s, check=False, cwd=ROOT, **options
-    )
+    return subprocess.run(command, capture_output=True, text=True, timeout=limit_s, cwd=ROOT, **options)
 
 
 def processes_with(text: str) -> list[int]:

@@ -27,12 +27,9 @@ def made(effects: Any = None, ohm: Any = OHM, engines: str = "closed,event", **i
     """Two frames of 2 x 3 taxels from twice full scale down, with effects on."""
     values = np.array(ohm, dtype=float)
     rows, cols = values.shape[1:]
-    scene = {
-        "array": {"rows": rows, "cols": cols},
-        "stimulus": {"kind": "resistance", "file": "taxels.csv"},
-        "interface": interface or {"topology": "conveyor_mirror"},
-        "effects": effects or {},
-    }
+    stimulus = {"kind": "resistance", "file": "taxels.csv"}
+    scene = {"array": {"rows": rows, "cols": cols}, "stimulus": stimulus, "effects": effects or {}}
+    scene["interface"] = interface or {"topology": "conveyor_mirror"}
     return World(scene, files={"taxels.csv": values.reshape(-1, cols).tolist()}, engines=engines)
 
 
@@ -78,19 +75,17 @@ def test_a_campaign_draws_everything() -> None:
     assert drawn("closed,event", 7, seed=1) != drawn("closed,event", 7)
 
 
-@pytest.mark.parametrize(
-    ("engines", "wanted"), [("rtl", 6), pytest.param("cosim", 3, marks=pytest.mark.long)]
-)
-def test_scenes_of_a_campaign_break_no_law(engines: str, wanted: int) -> None:
+@pytest.mark.parametrize(("engines", "least"), [("rtl", 6), pytest.param("cosim", 3, marks=pytest.mark.long)])
+def test_scenes_of_a_campaign_break_no_law(engines: str, least: int) -> None:
     """The first scenes that engine event and the other one both take."""
     compared = 0
-    for number in range(4 * wanted):
+    for number in range(4 * least):
         outcome = laws.judge(drawn(engines, number), engines, number)
         assert not outcome.broken, number
         compared += not outcome.refused
-        if compared == wanted:
+        if compared == least:
             return
-    pytest.fail(f"{compared} of {4 * wanted} scenes were compared")
+    pytest.fail(f"{compared} of {4 * least} scenes were compared")
 
 
 # ---- seeded faults
@@ -168,9 +163,7 @@ def _piece(engines: str, seed: int, first: int, stop: int) -> dict[str, Any]:
     return {"counts": {"worlds": stop - first, "compared.numbers": stop - first}, "broken": wrong}
 
 
-def test_a_campaign_continues_and_names_a_scene_that_hangs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_campaign_goes_on_and_names_what_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def run(scenes_: int, path: str, ends_after: int | None = None) -> command.Tally:
         def tasks(given: Iterable[workers.Task], *_: Any, **__: Any) -> Iterator[tuple[int, workers.Outcome]]:
             for number, task in enumerate(given):

@@ -163,9 +163,7 @@ line_capacitance = { c_row_f = 1e-7, c_column_f = 1e-7 }
 
 @pytest.mark.long
 @pytest.mark.parametrize("processes", ["1", "2"])
-def test_a_run_that_fails_in_its_engine_leaves_nothing(
-    tmp_path: Path, processes: str, write_scene: Write
-) -> None:
+def test_a_run_that_fails_leaves_nothing(tmp_path: Path, processes: str, write_scene: Write) -> None:
     scene, out = write_scene(FAILS_IN_THE_ENGINE), tmp_path / "out"
     arguments = ["run", str(scene), "--out", str(out), "--processes", processes]
     done = dermis(*arguments)

@@ -30,9 +30,7 @@ from tb.reference.ladder_circuits import LEAP
         pytest.param("verilator", False, id="verilator-two_flops", marks=pytest.mark.long),
     ],
 )
-def test_verilog_counts_what_charge_balance_says(
-    resistance_plan: MakePlan, simulator: str, sync_latch: bool
-) -> None:
+def test_verilog_counts_charge_balance(resistance_plan: MakePlan, simulator: str, sync_latch: bool) -> None:
     """No circuit simulator: the bridge and the Verilog alone, from open to short, against the closed formula."""
     rng = np.random.default_rng(7)
     ohm = 300 * 300 ** rng.random((4, 16))
@@ -88,9 +86,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("engine", ["rtl", "cosim"])
 @pytest.mark.parametrize("said", REFUSED)
-def test_what_the_chip_is_not_made_for_is_refused_in_one_line(
-    resistance_plan: MakePlan, said: str, engine: str
-) -> None:
+def test_what_the_chip_is_not_made_for_is_refused(resistance_plan: MakePlan, said: str, engine: str) -> None:
     timing, shape = REFUSED[said]
     made = resistance_plan(np.full(shape, 1000.0))
     made = replace(made, engine=engine, timing=replace(made.timing, **timing))
@@ -112,9 +108,7 @@ def test_all_256_codes_read_back_exactly_through_ngspice(resistance_plan: MakePl
 
 
 @pytest.mark.paper
-def test_shorts_opens_and_overload_leave_no_ghost(
-    resistance_plan: MakePlan, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_shorts_and_opens_leave_no_ghost(resistance_plan: MakePlan, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows of 312 ohm, of 0 or open, in two frames of one process: the preset must make the next row
     and the next frame forget them.
     """

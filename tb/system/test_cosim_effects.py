@@ -93,9 +93,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.paper
-def test_a_wrong_element_is_caught_by_the_codes(
-    resistance_plan: MakePlan, reader: DeckReader, fault: str
-) -> None:
+def test_codes_show_a_wrong_element(resistance_plan: MakePlan, reader: DeckReader, fault: str) -> None:
     name, right, wrong = FAULTS[fault]
     _, value, company = alone(name)
     made = resistance_plan(OHM, effects=scene_of(company | {name: value}))

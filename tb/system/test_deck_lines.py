@@ -53,9 +53,8 @@ VIEWS = (
 def test_every_line_of_a_deck_of_views_has_an_allowed_form(views: str, topology: str) -> None:
     """The whole array, and each circuit that is solved apart, with other columns as a resistor."""
     stimulus = {"kind": "ramp", "force_n": [0.0, 5.0], "frames": 2}
-    on = (
-        {"column_input": {"r_ohm": 20.0}, "column_offset": True} if 'conveyor = "sky130"' not in views else {}
-    )
+    inputs = {"column_input": {"r_ohm": 20.0}, "column_offset": True}
+    on = {} if 'conveyor = "sky130"' in views else inputs
     data = {"array": {"rows": 2, "cols": 2}, "stimulus": stimulus, "interface": {"topology": topology}}
     data |= {"run": {"engine": "cosim", **tomllib.loads(f"views = {views}")}, "effects": on}
     made = plan.make(scene.from_data(data, Path("made.toml")))

@@ -26,9 +26,7 @@ OHM[0, 0, 1], OHM[0, 1, 2] = np.inf, 0.0
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
-def test_effects_named_and_switched_off_leave_the_deck_as_it_is_without_them(
-    resistance_plan: MakePlan, topology: str
-) -> None:
+def test_effects_that_are_off_leave_the_deck_as_it_is(resistance_plan: MakePlan, topology: str) -> None:
     bare = [frame_deck(resistance_plan(OHM, topology), f, LEVELS) for f in (0, 1)]
     off = resistance_plan(OHM, topology, scene_of(dict.fromkeys(effects.EFFECTS, False)))
     assert [frame_deck(off, f, LEVELS) for f in (0, 1)] == bare
@@ -46,7 +44,7 @@ def test_shared_values_are_sums_of_what_each_effect_adds(resistance_plan: MakePl
     assert value["packet_error"] == pytest.approx(0.012, rel=1e-12)
 
 
-def test_random_effects_are_refused_and_sensor_effects_are_only_other_resistances(
+def test_random_effects_are_refused_and_sensor_effects_are_resistances(
     resistance_plan: MakePlan,
 ) -> None:
     for name in RANDOM:
@@ -67,9 +65,8 @@ def test_blocks_of_a_deck_go_by_the_clock_of_its_plan(resistance_plan: MakePlan)
     for made in (plan, fast):
         lines = frame_deck(made, 0, LEVELS).lines
         (given,) = (i for i, line in enumerate(lines) if line.startswith(".param converter_f_clk_hz="))
-        assert given > next(
-            i for i, line in enumerate(lines) if "design.inc" in line
-        )  # ngspice takes the last one
+        # ngspice takes the last one.
+        assert given > next(i for i, line in enumerate(lines) if "design.inc" in line)
         assert float(lines[given].partition("=")[2]) == made.timing.f_clk_hz
 
 

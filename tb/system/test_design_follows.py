@@ -17,9 +17,7 @@ from scripts.demo import browser, demo
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1500)]
 
-TARGETS = (
-    "--rows 32 --cols 32 --bits 10 --f-clk-hz 10e6 --frame-s 8e-3 --settle-fraction 0.18 --write".split()
-)
+ASKED = "--rows 32 --cols 32 --bits 10 --f-clk-hz 10e6 --frame-s 8e-3 --settle-fraction 0.18 --write".split()
 TESTS = [
     *(f"tb/model/test_{name}.py" for name in "calculator decode design generate register_files vfc".split()),
     *(f"tb/rtl/{name}" for name in "gated_counter harden registers row_scanner".split()),
@@ -34,7 +32,7 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     left_out = shutil.ignore_patterns(".venv", ".git", "build", ".*cache*", ".hypothesis")
     shutil.copytree(ROOT, copy, ignore=left_out)
     (copy / ".venv").symlink_to(ROOT / ".venv")
-    run(copy, "calc", *TARGETS)
+    run(copy, "calc", *ASKED)
     run(copy, "generate")
     return copy
 

@@ -113,9 +113,8 @@ def test_a_busy_machine_gives_a_run_more_time(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_what_the_consumer_leaves_early_is_ended() -> None:
-    quick = workers.run(
-        iter([workers.Task(seeded_faults.right), workers.Task(seeded_faults.hang_with_child)]), 2
-    )
+    tasks = map(workers.Task, (seeded_faults.right, seeded_faults.hang_with_child))
+    quick = workers.run(tasks, 2)
     assert next(quick)[1].value == seeded_faults.right()
     quick.close()
     assert not left_over()

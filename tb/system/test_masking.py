@@ -90,7 +90,7 @@ ALONE = "lateral = false\nintegrator_gain = false\nintegrator_bandwidth = false\
 # Scenes with everything on in which one row alone is open: topology, effects, shape, seed, and that row. Columns of
 # `direct` that move each other would all be solved. With ripple and moving taxels the last row is off by several codes
 # if its scan begins at time zero. Slow mirrors remember the row before, which is solved as well.
-SCENES = {
+CASES = {
     "direct": ("direct", ALONE, (3, 2), 36, 1),
     "mirror": ("conveyor_mirror", "", (5, 3), 99, 2),
     "inverted": ("conveyor_mirror_inverted", "", (5, 3), 99, 2),
@@ -100,11 +100,9 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.long] * (n != "direct")) for n in SCENES]
-)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.long] * (n != "direct")) for n in CASES])
 def test_codes_with_every_effect_are_those_of_all_rows(resistance_plan: MakePlan, name: str) -> None:
-    topology, effects, shape, seed, row = SCENES[name]
+    topology, effects, shape, seed, row = CASES[name]
     ohm = 600 * 40 ** np.random.default_rng(seed).random(shape)
     plan = resistance_plan(ohm, topology, f"auto = {{}}\n{effects}{NO_NOISE}")
     masked, whole = cosim.run(plan), cosim.run(replace(plan, filtered=False))

@@ -131,9 +131,7 @@ def test_sources_that_are_not_in_parallel_are_taken(tmp_path: Path) -> None:
     assert "accepted" in run(tmp_path, f"refused(lambda: half({lines}).advance(0.0, []))")
 
 
-def test_another_compiler_flag_or_ngspice_makes_another_driver(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_change_of_tools_makes_another_driver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ngspice, "BUILD", tmp_path)
     wrapper = tmp_path / "compiler"
     wrapper.write_text('#!/bin/sh\nexec cc "$@"\n')

@@ -124,9 +124,7 @@ main()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_every_command_answers_a_signal_with_its_exit_code_and_a_word(
-    tmp_path: Path, number: signal.Signals
-) -> None:
+def test_every_command_answers_a_signal_with_code_and_word(tmp_path: Path, number: signal.Signals) -> None:
     """A command that ends at once, with -15 or -1, leaves its children."""
     run = Run([sys.executable, "-c", SIGNALLED], tmp_path)
     assert benches.poll(lambda: "at work" in run.said[0].read_text(), END_S)

@@ -250,9 +250,7 @@ def test_the_command_writes_csv_figures_and_every_row_and_leaves_nothing_old(
 
 
 @pytest.mark.paper
-def test_a_simulator_that_fails_costs_its_interface_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_simulator_costs_only_its_interface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def read(made: records.Plan, points: int, on_slots: Any, work: Path) -> Reading:
         work.mkdir(parents=True)
         if made.topology == "direct":
