@@ -192,7 +192,8 @@ def newtons(
         What the codes were read from: its sensor law, interface and, with `corrected`, its network.
     corrected : bool
         Take off what the network and the converters of the scene do. Effects of the sheet, as its temperature, stay:
-        those are of a calibration (`Skin`, `dermis read --calibration`).
+        those are of a calibration (`Skin`, `dermis read --calibration`). Beside a taxel at full scale, whose current
+        no code tells, forces read low: `Skin.decode` flags them and gives intervals.
     design : path, dict or Design, optional
         As for `simulate`.
 

@@ -44,6 +44,9 @@ _OPEN_OHM = 1e30
 _COURSE_MISS = 1e-4
 # Digits that the current of a short has not.
 _ROUNDING = 1e-12
+# Integral over the first quarter, half and three quarters of a gate of a polynomial of fourth degree that is 0 at both
+# ends and has given values at the first quarter, in the middle and at the third quarter.
+_PARTS = np.array([[646, -264, 106], [992, 192, 32], [-106, 264, -646]]) / 2880.0
 
 
 def currents(network: Network, g: Floats) -> Floats:
@@ -91,11 +94,6 @@ def solve_gate(
     return found
 
 
-# Integral over the first quarter, half and three quarters of a gate of a polynomial of fourth degree that is 0 at both
-# ends and has given values at the first quarter, in the middle and at the third quarter.
-_PARTS = np.array([[646, -264, 106], [992, 192, 32], [-106, 264, -646]]) / 2880.0
-
-
 def _check_bend(plan: Plan, points: Floats, found: Floats) -> None:
     """Raise InputError where a parabola for the currents of a gate may move a code by more than 1 LSB.
 
@@ -106,10 +104,9 @@ def _check_bend(plan: Plan, points: Floats, found: Floats) -> None:
     """
     c = plan.converter
     per_a, _, _, squeeze, *_ = _columns(plan, np.arange(plan.cols))
-    begin, end, bend = found.sum(axis=0) * per_a
-    duty = points.sum(axis=0) * per_a
-    inside = duty[[3, 2, 4]] - _between(begin, end, np.array([0.25, 0.5, 0.75]).reshape(3, 1, 1, 1))
-    inside -= np.array([0.75, 1.0, 0.75]).reshape(3, 1, 1, 1) * bend
+    (begin, end, bend), duty = found.sum(axis=0) * per_a, points.sum(axis=0) * per_a
+    share = np.array([0.25, 0.5, 0.75]).reshape(3, 1, 1, 1)
+    inside = duty[[3, 2, 4]] - _between(begin, end, share) - 4.0 * share * (1.0 - share) * bend
     low, high, size = duty.min(axis=0), duty.max(axis=0), np.abs(duty).max(axis=0)
     even = (low >= 0.0) & (high * (1.0 + plan.drive.ripple) <= 0.5 * (1.0 + c.packet_error))
     if c.range_clips() or squeeze is not None:

@@ -143,9 +143,9 @@ class _Part:
             amperes = np.abs(network.i_leak_a).sum() + _largest_v(plan) * (most_s + side)
             idle = amperes * np.abs(c.gain) / (c.k * c.i0_a)
             if drive.motion:
-                # Straight on from the gate, back to the start of the slot; a bend is at most twice the largest.
+                # Straight on from the gate, back to the start of the slot; a bend is at most three times the largest.
                 back = timing.settle_clocks / timing.gate_clocks
-                idle *= 1.0 + 2.0 * back + 8.0 * back * (1.0 + back)
+                idle *= 1.0 + 2.0 * back + 12.0 * back * (1.0 + back)
         self.gate = loops.Gate(
             timing.gate_clocks, timing.settle_clocks, timing.break_clocks, timing.code_max, float(plan.budget_lsb),
             float(drive.ripple), reach, bool(drive.motion),
