@@ -300,8 +300,10 @@ def _load_noise(own, c, i, late, noise, step):  # type: ignore
     own[REST + c] = 8.0 * math.hypot(noise[WHITE, i], noise[SLOPE, i]) + noise[APERTURE, i]
     reach = 4.0 * noise[SIGMA, i] * math.sqrt(step) + own[REST + c]
     own[HIGHEST + c], own[LOWEST + c] = own[RISE + c] + reach, own[FALL + c] - reach
-    # A clock takes the output farther than this, unless it follows late or a packet begins inside.
-    own[STAY + c] = 2.0 * (own[HIGHEST + c] - own[LOWEST + c]) / own[AT + c]
+    # A clock takes the output farther than this, unless it follows late or a packet begins inside. What leaks away
+    # brings it back.
+    back = (1.0 - own[KEEP_A + c]) * max(abs(own[HIGHEST + c]), abs(own[LOWEST + c]))
+    own[STAY + c] = (2.0 * (own[HIGHEST + c] - own[LOWEST + c]) / own[AT + c] + back) / own[GAIN_A + c]
     if late < 1.0 or own[FOLLOWS + c] > SWIFT:
         own[STAY + c] = np.inf
     if own[FALL + c] == own[RISE + c]:  # a comparator without a window keeps no state
