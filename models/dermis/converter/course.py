@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from dermis.array.array import Network, column_currents_by_source
 from dermis.converter import injection, ripple
-from dermis.converter.coupling import coupling
+from dermis.converter.coupling import couples, coupling
 from dermis.converter.vfc import X_INFINITE, Y_MIN
 from dermis.errors import InputError, SimulatorError
 from dermis.ndarrays import Floats
@@ -72,25 +72,30 @@ def solve_gate(
     network, g = plan.network(0), plan.conductance_s(part)[frames]
     if idle:
         network = dataclasses.replace(network, r_row_driven_ohm=min(network.r_row_grounded_ohm, _OPEN_OHM))
-    if not plan.drive.motion:
-        found = currents(network, g)[:, np.newaxis]
+    if plan.drive.motion:
+        found = _moving(plan, network, g, plan.next_conductance_s(part)[frames], not idle)
     else:
-        at = plan.gate_shares()
-        now, then = (np.minimum(v, _G_SHORT_S) for v in (g, plan.next_conductance_s(part)[frames]))
-        if network.active_fields():
-            unit_a = float((plan.converter.k * plan.converter.i0_a).min())
-            points = _through_frame(network, now, then, at.ravel(), _COURSE_MISS * unit_a)
-            begin, end, middle, early, late = points.swapaxes(0, 1)
-            # Boole's rule, for what a parabola lacks.
-            mean = (7.0 * (begin + end) + 32.0 * (early + late) + 12.0 * middle) / 90.0
-            found = np.stack([begin, end, 1.5 * mean - 0.75 * (begin + end)], axis=1)
-            if not idle:
-                _check_bend(plan, points, found)
-        else:
-            follows = plan.v_bias_v * _between(now, then, at.reshape(-1, 1, plan.rows, 1)[:2])
-            found = np.stack([follows, np.zeros_like(follows)])
-    if ripple.may_bend(plan) and not idle:
+        found = currents(network, g)[:, np.newaxis]
+    if plan.drive.ripple and not idle:
         ripple.check(plan, found)
+    return found
+
+
+def _moving(plan: Plan, network: Network, now: Floats, then: Floats, check: bool) -> Floats:
+    """Return `solve_gate` of taxels that move from conductances `now` to `then`, [frames, rows, cols]."""
+    at = plan.gate_shares()
+    now, then = np.minimum(now, _G_SHORT_S), np.minimum(then, _G_SHORT_S)
+    if not network.active_fields():
+        follows = plan.v_bias_v * _between(now, then, at[:2].reshape(2, 1, plan.rows, 1))
+        return np.stack([follows, np.zeros_like(follows)])
+    unit_a = float((plan.converter.k * plan.converter.i0_a).min())
+    points = _through_frame(network, now, then, at.ravel(), _COURSE_MISS * unit_a)
+    begin, end, middle, early, late = points.swapaxes(0, 1)
+    # Boole's rule; a parabola has two thirds of its bend for a mean.
+    mean = (7.0 * (begin + end) + 32.0 * (early + late) + 12.0 * middle) / 90.0
+    found = np.stack([begin, end, 1.5 * mean - 0.75 * (begin + end)], axis=1)
+    if check:
+        _check_bend(plan, points, found)
     return found
 
 
@@ -342,16 +347,19 @@ def refuses(plan: Plan) -> InputError | None:
     """
     try:
         injection.check_lines(plan)
-        first = plan.fullest_frame()
-        coupling(plan, slice(first, first + 1))
+        if couples(plan):
+            coupling(plan, _one(plan.fullest_frame()))
         if plan.drive.motion and plan.network(0).active_fields():
-            first = plan.most_changing_frame()
-            solve_gate(plan, slice(first, first + 1))
-        elif ripple.may_bend(plan):
-            solve_gate(plan, slice(first, first + 1))
+            solve_gate(plan, _one(plan.most_changing_frame()))
+        if ripple.may_bend(plan):
+            solve_gate(plan, _one(plan.fullest_frame()))
     except InputError as error:
         return error
     return None
+
+
+def _one(frame: int) -> slice:
+    return slice(frame, frame + 1)
 
 
 class Slots:
