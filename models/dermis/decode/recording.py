@@ -31,8 +31,9 @@ BINARY = (".npy", ".npz", ".h5", ".hdf5", ".mat")
 _TIME_SPREAD = 0.5
 """Part of the median by which a step of time may differ before frames count as lost."""
 _WRAP = 2.0**32
-_PACKED = "_FillValue", "missing_value", "scale_factor", "add_offset"
-"""Attributes of a packed data set; the first two are values that stand for none."""
+_FILLS, _ENDS = ("_FillValue", "missing_value"), ("valid_range", "valid_min", "valid_max")
+_PACKED = *_FILLS, *_ENDS, "scale_factor", "add_offset"
+"""Attributes of a packed data set: values that stand for none, what values may be, and the way to physical ones."""
 _MEMBERS = 64
 """Arrays of an npz file that are looked through; of more the name must be given."""
 _UNITS = "unit", "units"
@@ -224,13 +225,18 @@ def _unit_of(item: Any) -> str:
 
 def _physical(item: Any) -> Any:
     """Return the numbers of a data set; of HDF5 by the attributes that netCDF has for packed numbers."""
-    packed = {n: float(np.ravel(v)[0]) for n, v in getattr(item, "attrs", {}).items() if n in _PACKED}
+    told = {n: np.ravel(v) for n, v in getattr(item, "attrs", {}).items() if n in _PACKED}
+    told = {n: v if v.dtype.kind in "iuf" else v.astype(float) for n, v in told.items()}
     values = np.asarray(item)
-    if not packed or values.dtype.kind not in "biuf":
+    if not told or values.dtype.kind not in "biuf":
         return values
-    fills = [packed[n] for n in _PACKED[:2] if n in packed]
-    scaled = values * packed.get("scale_factor", 1.0) + packed.get("add_offset", 0.0)
-    return np.where(np.isin(values, fills), np.nan, scaled)
+    ends = told.get("valid_range", [*told.get("valid_min", [-np.inf]), *told.get("valid_max", [np.inf])])
+    none = np.isin(values, [v for n in _FILLS for v in told.get(n, ())])
+    none |= (values < ends[0]) | (values > ends[-1])
+    # In the precision of its factors, in which the writer's zero is 0.
+    factors = [told.get(n, np.float32([n == "scale_factor"])) for n in _PACKED[-2:]]
+    kind = np.result_type(np.float32, *factors, *([values] if values.dtype.kind == "f" else ()))
+    return np.where(none, np.nan, values.astype(kind) * factors[0][0] + factors[1][0])
 
 
 def _unit_set(sets: dict[str, Any]) -> str:

@@ -244,6 +244,17 @@ def packed(path: Path, stated: str = "ms") -> None:
         file["time_ms"].attrs["units"] = stated
 
 
+def netcdf(path: Path) -> None:
+    """Write whole numbers with factors of float32, by which 100 is exactly 0, and one beyond what is valid."""
+    with h5py.File(path, "w") as file:
+        file["p"], file["time_s"] = (np.round(FRAMES) * 100 + 100).astype(np.int16), TIME
+        file["p"][3, 0, 5] = 20_000
+        file["p"][4, 0, 5] = 100
+        file["p"].attrs.update(
+            scale_factor=np.float32(0.01), add_offset=np.float32(-1.0), valid_max=np.int16(19_999)
+        )
+
+
 def parquet(made: dict[str, Any], options: dict[str, Any] | None = None, **told: Any) -> Case:
     told = {"file": "a.parquet"} | told
     return Case(lambda path: pq.write_table(pa.table(made), path), options or {}, **told)
@@ -442,6 +453,8 @@ OWN_TIMES += "".join(
     for r, row in enumerate(f)
 )
 THOUSANDS = table(flat).splitlines()[0] + ('\n"1,234"' + ",985" * (ROWS * COLS - 1)) * COUNT + "\n"
+PACKED = np.round(FRAMES)
+PACKED[3, 0, 5], PACKED[4, 0, 5] = np.nan, 0.0
 CUT = FRAMES.copy()
 CUT[-1, -1, -1] //= 1
 CUT_TEXT = "\n".join(",".join(f"{v:.2f}" for v in frame.ravel()) for frame in FRAMES)[:-3]
@@ -510,6 +523,7 @@ CASES: dict[str, Case] = {
     "words at the end": Case(table(flat) + "Stopped by user\n", SIZE | RATE, asks="line 22"),
     "-1 for a missing value": Case(gap("-1"), SIZE | {"missing": -1.0}, without((3, 0, 5))),
     "packed numbers of HDF5": Case(packed, values=without((0, 0, 0)), file="a.h5"),
+    "whole numbers of netCDF": Case(netcdf, values=PACKED, file="a.h5"),
     "HDF5, a time in two units": Case(
         lambda path: packed(path, "s"), asks="--time-unit ms or s", file="a.h5"
     ),
