@@ -70,7 +70,7 @@
 #define DERMIS_RANGE_RESET                    0x0002u
 #define DERMIS_TEST_RATE_RESET                0x4000u
 #define DERMIS_DARK_MAX_RESET                 0x0008u
-#define DERMIS_FULL_MIN_RESET                 0x00F0u
+#define DERMIS_FULL_MIN_RESET                 0x00B7u
 #define DERMIS_ROW_MASK_RESET                 0xFFFFu
 #define DERMIS_RANGE_COLUMN_RESET             0xAAAAu
 #define DERMIS_PEDESTAL_RESET                 0x0000u

@@ -37,6 +37,10 @@ def test_design_numbers_come_from_the_design(tmp_path: Path) -> None:
     assert rm.REGISTERS["SETTLE"].reset == DESIGN.timing.settle_clocks
     assert DESIGN.interface.k_options[rm.REGISTERS["RANGE"].reset] == DESIGN.interface.k
     assert rm.REGISTERS["GEOMETRY"].reset == DESIGN.array.rows << 8 | DESIGN.array.cols
+    # A good chip passes the self-test as it is after reset.
+    counts_per_a = DESIGN.timing.gate_clocks / (DESIGN.interface.k * DESIGN.converter.i0_a)
+    assert rm.REGISTERS["FULL_MIN"].reset == int(0.8 * counts_per_a * DESIGN.calibration.i_test_a)
+    assert rm.REGISTERS["DARK_MAX"].reset >= 2 * int(counts_per_a * DESIGN.calibration.i_pedestal_a)
 
 
 def test_a_changed_map_changes_every_file(tmp_path: Path) -> None:
