@@ -173,17 +173,18 @@ class Netlist:
 WIRE = "module dermis_wire (input wire clk_i, rst_ni, d_i, output wire q_o); assign q_o = d_i; endmodule\n"
 
 
-def seeded(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
-    """Yield each fault's name and a copy of the Verilog with it; ValueError if the Verilog has no place for it."""
+def seeded(root: Path, folder: Path) -> Iterator[tuple[str, Path | None]]:
+    """Yield each fault's name and a copy of the Verilog with it; None where the Verilog has no place for it."""
     for name, fault in _rules(root)["seeded"].items():
         copy = folder / name
         shutil.copytree(root / "rtl", copy / "rtl")
         path = copy / "rtl" / fault["file"]
         text = path.read_text(encoding="utf-8")
-        start = text.index(fault["at"])
+        start = max(text.find(fault["at"]), 0)
         wrong = text[:start] + text[start:].replace(fault["old"], fault["new"], 1)
-        if wrong == text:
-            raise ValueError(f"{fault['file']}: no {fault['old']!r} behind {fault['at']!r}")
+        if fault["at"] not in text or wrong == text:
+            yield f"{name} ({fault['file']} has no {fault['old']!r} behind {fault['at']!r})", None
+            continue
         path.write_text(wrong + (WIRE if "dermis_wire" in fault["new"] else ""), encoding="utf-8")
         yield name, copy
 
@@ -196,5 +197,5 @@ def rows(root: Path = ROOT) -> list[Row]:
     ]
     with tempfile.TemporaryDirectory() as folder:
         copies = seeded(root, Path(folder))
-        missed = [name for name, copy in copies if not Netlist(copy, latch=False).findings()]
+        missed = [name for name, copy in copies if not copy or not Netlist(copy, latch=False).findings()]
     return [*judged, none("lint.crossings.seeded_missed", missed, "faults")]

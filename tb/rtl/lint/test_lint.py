@@ -249,3 +249,9 @@ def test_what_is_no_synchronizer_is_named(copy: Path, module: str, old: str, new
     except SimulatorError as error:
         found = [str(error)]
     assert any(said in line for line in found), found
+
+
+def test_a_seeded_fault_whose_place_was_edited_is_named_and_no_defect(copy: Path, tmp_path: Path) -> None:
+    edit(copy, "dermis_tech_sync", "(first_q),\n    .q_o", "(first_d),\n    .q_o")
+    left = [name for name, made in crossings.seeded(copy, tmp_path / "faults") if made is None]
+    assert left == ["one_flop (dermis_tech_sync.v has no 'first_q' behind 'u_second')"]
