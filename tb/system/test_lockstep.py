@@ -157,6 +157,19 @@ TESTS = {
         worst, before = max(worst, abs(v - sim.samples["x"][n + 1])), level
     assert worst < 1e-5, worst  # of ngspice; 3 ns are 1e-3
 """,
+    "a_crossing_before_a_delayed_edge_is_exact": """
+    inputs = {"dut.late": Drive("vd_a"), "dut.level": Drive("vd_b", high=8.0)}
+    outputs = {"dut.comp_b": Compare("y", above=0.2, crossing=True)}
+    for settle_s in (3.5e-9, 6e-9):
+        sim = cosim(inputs, outputs, settle_s=settle_s)
+        assert await said(dut, sim, 6) == "" and sim.overshoot_v < 2e-12
+        y, t = sim.samples["y"], sim.times
+        at = np.flatnonzero(np.abs(y - 0.2) < 1e-9)[0]
+        # the first step of 1 V: a ramp of 1 ns, tau is 10 ns; the late edge comes 3 ns after the clock
+        end = 1.0 - 10.0 * (1.0 - math.exp(-0.1))
+        exact = 1e-9 + 1e-8 * math.log((1.0 - end) / 0.8)
+        assert abs(t[at] - t[at - 1] - exact) < 1e-12, t[at] - t[at - 1] - exact
+""",
     "a_crossing_between_clocks_is_answered_when_it_happens": """
     inputs = {"dut.dac": Drive("vd_a"), "dut.caught": Drive("vd_b")}
     outputs = {"dut.comp": Compare("d_a", above=0.5), "dut.comp_b": Compare("x", above=0.4, crossing=True)}

@@ -280,10 +280,18 @@ static void keep_nets(void)
 
 /* ---- the analog half -------------------------------------------------------------------------------------- */
 
+/* Solve up to a time; later edges wait. */
 static bool solve(double to)
 {
-    loop.failed = loop.solve(to, lp.n_edge, lp.source, lp.time, lp.level, lp.sample, lp.least, lp.most);
-    lp.n_edge = 0, lp.now = to;
+    int source[MAX_EDGES], due = 0, later = 0;
+    double time[MAX_EDGES], level[MAX_EDGES];
+    for (int e = 0; e < lp.n_edge; e++)
+        if (lp.time[e] <= to)
+            source[due] = lp.source[e], time[due] = lp.time[e], level[due++] = lp.level[e];
+        else
+            lp.source[later] = lp.source[e], lp.time[later] = lp.time[e], lp.level[later++] = lp.level[e];
+    loop.failed = loop.solve(to, due, source, time, level, lp.sample, lp.least, lp.most);
+    lp.n_edge = later, lp.now = to;
     if (loop.failed)
         loop_stop();
     return !loop.failed;
@@ -347,11 +355,14 @@ static bool approach(double to, bool *crossed)
         if (lp.crossing[p] && lp.clear[p] && lp.now > lp.t1)
             h = fmin(h, predict(p, false));
     for (int points = 1; !*crossed && lp.now < to; points++) {
-        double at = lp.now + h;
-        for (int e = 0; e < lp.n_edge; e++)
-            at = fmax(at, lp.time[e]);
+        double at = lp.now + h, late = HUGE_VAL;
         if (to - at < 1e-3 * h)
             at = to;
+        for (int e = 0; e < lp.n_edge; e++) /* a late edge bends what comes after it */
+            if (lp.time[e] > lp.now)
+                late = fmin(late, lp.time[e]);
+        if (lp.n_crossing && late <= at)
+            at = late, points = 0;
         lp.t2 = lp.t1, lp.t1 = lp.now;
         memcpy(lp.v2, lp.v1, bytes);
         memcpy(lp.v1, lp.sample, bytes);
