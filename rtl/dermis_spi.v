@@ -35,6 +35,7 @@ module dermis_spi (
   localparam [7:0] OP_FRAME     = 8'h0B;
   localparam [7:0] TOKEN_DONE   = 8'h5A;
   localparam [7:0] TOKEN_DATA   = 8'hA5;
+  localparam [7:0] TOKEN_FRAME  = 8'h3C;
   localparam [7:0] TOKEN_OPCODE = 8'hE0;
   localparam [7:0] TOKEN_CRC    = 8'hE1;
   localparam [7:0] TOKEN_BUSY   = 8'hE2;
@@ -206,7 +207,7 @@ module dermis_spi (
       FRAME_CLAIMED:
         if (hold_idle) begin
           state_d  = LENGTH_HIGH;
-          byte_out = TOKEN_DATA;
+          byte_out = TOKEN_FRAME;
         end
       LENGTH_HIGH: begin
         state_d  = LENGTH_LOW;

@@ -20,7 +20,7 @@ module spi_host (
 
   localparam [7:0] FRAME = 8'h0B;
   localparam [7:0] WAIT  = 8'h00;
-  localparam [7:0] TOKEN = 8'hA5;
+  localparam [7:0] TOKEN = 8'h3C;
 
   localparam [2:0] COMMAND   = 3'd0;
   localparam [2:0] ANSWER    = 3'd1;

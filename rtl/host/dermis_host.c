@@ -3,7 +3,7 @@
 
 #include "dermis_registers.h"
 
-enum { OP_WRITE = 0x02, OP_READ = 0x03, OP_FRAME = 0x0B, TOKEN_DONE = 0x5A, TOKEN_DATA = 0xA5 };
+enum { OP_WRITE = 0x02, OP_READ = 0x03, OP_FRAME = 0x0B, TOKEN_DONE = 0x5A, TOKEN_DATA = 0xA5, TOKEN_FRAME = 0x3C };
 
 static uint8_t crc8(const uint8_t *bytes, size_t count) {
   uint8_t crc = 0;
@@ -24,8 +24,9 @@ static uint16_t crc16(const uint8_t *bytes, size_t count) {
 }
 
 /* A frame with its CRC, of whole slots in order: the special ones, then rows. Zeros follow an answer and keep a CRC of 0,
-   so that a frame whose length was corrupted upwards is whole with them: what is whole without its zeros is refused. */
-static int whole(const uint8_t *bytes, size_t length) {
+   so that a frame whose length was corrupted upwards is whole with them: what is whole without its zeros is refused,
+   unless its length is sure, because it came twice. */
+static int whole(const uint8_t *bytes, size_t length, int sure) {
   size_t slot = 1u + bytes[4] * (bytes[5] > 8 ? 2u : 1u) + (bytes[4] + 7u) / 8u, used = length;
   int last = -1;
   if (bytes[0] != 1 || bytes[1] >> 5 || length == 10 || (length - 10) % slot) return 0;
@@ -36,7 +37,7 @@ static int whole(const uint8_t *bytes, size_t length) {
     last = order;
   }
   while (used && !bytes[used - 1]) used--;
-  for (size_t end = 10 + slot; end < length; end += slot)
+  for (size_t end = 10 + slot; !sure && end < length; end += slot)
     if (end >= used && !crc16(bytes, end)) return 0;
   return 1;
 }
@@ -64,7 +65,7 @@ static int ask(const dermis_host *host, uint8_t *command, size_t count, uint8_t 
   if (status != DERMIS_OK) return status;
   /* A wrong opcode is answered before this command is over: as unknown, or as a shorter one, which wrote nothing. */
   for (size_t n = 0; n < count; n++)
-    if (command[n]) return command[n] == TOKEN_DATA ? DERMIS_NOT_WRITTEN : refusal(command[n]);
+    if (command[n]) return command[n] == TOKEN_DATA || command[n] == TOKEN_FRAME ? DERMIS_NOT_WRITTEN : refusal(command[n]);
   for (unsigned n = 0; status == DERMIS_OK && token == 0; n++) {
     if (n > host->wait_bytes) return DERMIS_NO_ANSWER;
     status = exchange(host, NULL, &token, 1);
@@ -116,6 +117,16 @@ int dermis_set_up(const dermis_host *host, const uint16_t (*settings)[2], size_t
   return status;
 }
 
+int dermis_check(const dermis_host *host, const uint16_t (*settings)[2], size_t count) {
+  int status = DERMIS_OK;
+  for (size_t n = 0; n < count && status == DERMIS_OK; n++) {
+    uint16_t value;
+    status = dermis_read(host, (uint8_t)settings[n][0], &value);
+    if (status == DERMIS_OK && value != settings[n][1]) status = DERMIS_WAS_RESET;
+  }
+  return status;
+}
+
 int dermis_wait(const dermis_host *host, uint16_t mask, unsigned polls) {
   uint16_t value;
   while (polls--) {
@@ -127,17 +138,19 @@ int dermis_wait(const dermis_host *host, uint16_t mask, unsigned polls) {
 
 int dermis_frame(const dermis_host *host, unsigned polls, uint8_t *bytes, size_t room, size_t *length) {
   int status = dermis_wait(host, DERMIS_STATUS_FRAME_READY_MASK, polls);
+  size_t before = 0;
   if (status != DERMIS_OK) return status;
   status = DERMIS_BAD_CRC;
   for (unsigned n = 0; (!n || n < host->tries) && corrupted(status); n++) {
     uint8_t command[1] = {OP_FRAME}, size[2] = {0, 0};
-    status = ask(host, command, 1, TOKEN_DATA);
+    status = ask(host, command, 1, TOKEN_FRAME);
     if (status == DERMIS_OK) status = exchange(host, NULL, size, 2);
     *length = (size_t)(size[0] << 8 | size[1]);
     if (status == DERMIS_OK && (*length < 10 || *length > room)) status = DERMIS_BAD_LENGTH;
     if (status == DERMIS_OK) status = exchange(host, NULL, bytes, *length);
     if (status == DERMIS_OK && crc16(bytes, *length)) status = DERMIS_BAD_CRC;
-    if (status == DERMIS_OK && !whole(bytes, *length)) status = DERMIS_BAD_LENGTH;
+    if (status == DERMIS_OK && !whole(bytes, *length, *length == before)) status = DERMIS_BAD_LENGTH;
+    before = *length;
     status = finish(host, status);
   }
   return status;

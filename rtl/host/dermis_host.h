@@ -16,7 +16,8 @@ enum {
   DERMIS_BAD_CRC,       /* in each try */
   DERMIS_BAD_LENGTH,    /* longer than the buffer, or no header or whole slots in order */
   DERMIS_TIMEOUT,       /* STATUS did not show the bit */
-  DERMIS_OTHER_CHIP     /* ID is not DE01 */
+  DERMIS_OTHER_CHIP,    /* ID is not DE01 */
+  DERMIS_WAS_RESET      /* a register is not as it was set up */
 };
 
 typedef struct {
@@ -35,6 +36,9 @@ int dermis_write(const dermis_host *host, uint8_t address, uint16_t value);
 
 /* Check ID, then write `count` pairs of address and value. */
 int dermis_set_up(const dermis_host *host, const uint16_t (*settings)[2], size_t count);
+
+/* Read registers back; a chip that was reset in operation has its reset values, and its frame number began again at 1. */
+int dermis_check(const dermis_host *host, const uint16_t (*settings)[2], size_t count);
 
 /* Read STATUS until a bit of `mask` is set, at most `polls` times. */
 int dermis_wait(const dermis_host *host, uint16_t mask, unsigned polls);

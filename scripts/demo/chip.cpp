@@ -253,7 +253,7 @@ void host() {
     }
     if (first && shifted == 0) return;
     if (answer_bytes < ANSWER_MAX) answer[answer_bytes++] = shifted;
-    if (first) state = shifted == 0xA5 ? LENGTH_HIGH : END;
+    if (first) state = shifted == 0x3C ? LENGTH_HIGH : END;
     else if (state == LENGTH_HIGH) left = shifted << 8, state = LENGTH_LOW;
     else if (state == LENGTH_LOW) left |= shifted, state = left ? DATA : END;
     else if (--left == 0) state = END;

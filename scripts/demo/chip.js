@@ -100,7 +100,7 @@ function parse(bytes, design) {
   const head = 3, {rows, cols} = design, each = design.code_max > 255 ? 2 : 1, slot = 1 + cols * each + Math.ceil(cols / 8);
   const end = head + 8 + rows * slot;
   const codes = new Uint16Array(rows * cols);
-  if (bytes[0] !== 0xa5 || bytes.length !== end + 2) return {good: false, number: 0, codes, crc: 0, found: 0};
+  if (bytes[0] !== 0x3c || bytes.length !== end + 2) return {good: false, number: 0, codes, crc: 0, found: 0};
   for (let r = 0; r < rows; r++) {
     const at = head + 8 + r * slot;
     for (let c = 0; c < cols; c++) {

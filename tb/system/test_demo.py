@@ -314,7 +314,7 @@ def test_bad_files_and_links_are_refused_in_one_line(fresh: Any, page: Path, tmp
 def test_spi_bytes_are_shown_with_their_crc(fresh: Any) -> None:
     text = by_id(fresh, "bytes").text
     shown = [int(byte, 16) for byte in re.findall(r"\b[0-9A-F]{2}\b", re.sub(r"[a-z,:-]+\S*", " ", text))]
-    assert shown[:3] == [0xA5, 0x01, 0x3A]
+    assert shown[:3] == [0x3C, 0x01, 0x3A]
     assert re.fullmatch(r"frame \d+: CRC [0-9A-F]{4} is right", by_id(fresh, "verdict").text)
 
 

@@ -175,7 +175,7 @@ def test_models_that_do_not_compile_end_with_the_log(
 CODES = np.array([[1, 2], [3, 4]], dtype=np.uint16)
 FRAME = spi_protocol.pack_frame(spi_protocol.Frame(1, 2, 8, 510, (0, 1), CODES, CODES > 4))
 """A frame of 2 x 2 taxels as the chip sends it; tb/model/test_read_out.py has what is wrong in others."""
-GOOD = f"a5{len(FRAME):04x}{FRAME.hex()}\n"
+GOOD = f"3c{len(FRAME):04x}{FRAME.hex()}\n"
 BIT_LOST = GOOD.replace("0102", "0103")
 
 

@@ -29,6 +29,10 @@ class OtherChip(spi.SpiError):
     """ID is not that of this chip."""
 
 
+class WasReset(spi.SpiError):
+    """A register is not as it was set up."""
+
+
 class Host:
     """A chip behind ``transfer(data, hold)``, which exchanges bytes with chip select low and leaves it
     low if `hold`. `limit` is the most bytes of one transfer, `tries` of a request the line corrupted.
@@ -70,6 +74,15 @@ class Host:
         for name, value in registers.items():
             self.write(rm.REGISTERS[name].address, value)
 
+    def check(self, **registers: int) -> None:
+        """Read registers by name, as given to `set_up`; WasReset for another value, SpiError.
+
+        A chip that is reset in operation goes on with its reset values; only the frame number begins again at 1.
+        """
+        for name, value in registers.items():
+            if (found := self.read(rm.REGISTERS[name].address)) != value:
+                raise WasReset(f"{name} is {found}, not {value}: set the chip up again")
+
     def wait(self, mask: int, timeout_s: float) -> None:
         """Read STATUS until a bit of `mask` is set; TimedOut after `timeout_s` seconds."""
         end = time.monotonic() + timeout_s
@@ -79,8 +92,15 @@ class Host:
 
     def frame(self, timeout_s: float = 1.0) -> spi.Frame:
         """Wait for a new frame and return it, read again after a bad CRC; SpiError."""
+        before = b""
+
+        def read() -> spi.Transaction[spi.Frame]:
+            nonlocal before
+            last, before = before, (yield from spi.read_frame_bytes())
+            return spi.parse_frame(before, before == last)
+
         self.wait(rm.STATUS_FRAME_READY_MASK, timeout_s)
-        return self._run(spi.read_frame, CORRUPTED)
+        return self._run(read, CORRUPTED)
 
 
 class Spidev:

@@ -26,7 +26,7 @@ OP_WRITE, OP_READ, OP_FRAME = 0x02, 0x03, 0x0B
 FILL = b"\xff"
 """What the host sends while it listens. With zeros one wrong bit could turn a read of FULL_MIN into a write of 0 whose
 CRC matches. With ones no register that can be written has such a CRC."""
-WAIT, TOKEN_DONE, TOKEN_DATA = 0x00, 0x5A, 0xA5
+WAIT, TOKEN_DONE, TOKEN_DATA, TOKEN_FRAME = 0x00, 0x5A, 0xA5, 0x3C
 TOKEN_OPCODE, TOKEN_CRC, TOKEN_BUSY, TOKEN_ACCESS = 0xE0, 0xE1, 0xE2, 0xE3
 
 FORMAT = 0x01
@@ -160,7 +160,7 @@ def read_register(address: int, wait_limit: int = WAIT_LIMIT) -> Transaction[int
 
 def read_frame_bytes(wait_limit: int = WAIT_LIMIT) -> Transaction[bytes]:
     """Read the newest whole frame as packed, for `parse_frame`; empty if there is none."""
-    yield from _answer(frame_command(), TOKEN_DATA, wait_limit)
+    yield from _answer(frame_command(), TOKEN_FRAME, wait_limit)
     high, low = yield from _exchanged(2 * FILL)
     return (yield from _exchanged((high << 8 | low) * FILL)) if high or low else b""
 
@@ -182,7 +182,7 @@ def _answer(command: bytes, wanted: int, wait_limit: int) -> Transaction[int]:
     during = yield from _exchanged(command)
     if early := next(filter(None, during), WAIT):
         # A wrong opcode is answered before this command is over: as unknown, or as a shorter one.
-        if early == TOKEN_DATA or early in REFUSALS:
+        if early in (TOKEN_DATA, TOKEN_FRAME) or early in REFUSALS:
             raise UnknownCommand(f"0x{early:02X} came during the command: the chip took another one")
         raise BadToken(f"0x{early:02X} is no token: it came during the command")
     for waited in range(wait_limit + 1):
@@ -298,10 +298,12 @@ def frame_bytes(slots: int, cols: int, code_bits: int) -> int:
     return HEADER_BYTES + slots * slot_bytes(cols, code_bits) + CRC_BYTES
 
 
-def parse_frame(data: bytes) -> Frame:
+def parse_frame(data: bytes, sure: bool = False) -> Frame:
     """Take a frame apart; EmptyFrame, BadFrameCrc, BadFrameFormat or BadFrameLength if it is none.
 
-    The CRC is looked at first, so that the others mean a chip of another kind, not a bad line.
+    The CRC is looked at first, so that the others mean a chip of another kind, not a bad line. One frame in 65 536 that
+    ends in zeros also looks like a shorter one with zeros behind it: only if its length is `sure`, because it came
+    twice or by no line, it is taken.
     """
     if not data:
         raise EmptyFrame("no frame was stored since reset")
@@ -317,7 +319,8 @@ def parse_frame(data: bytes) -> Frame:
         raise BadFrameLength(f"{len(body)} bytes are not one or more slots of {size}")
     # Zeros follow an answer and keep a CRC of 0: a frame whose length was corrupted upwards is whole with them.
     ends = range(HEADER_BYTES + CRC_BYTES + size, len(data), size)
-    if whole := next((end for end in ends if not any(data[end:]) and not crc16(data[:end])), 0):
+    whole = next((end for end in ends if not any(data[end:]) and not crc16(data[:end])), 0)
+    if whole and not sure:
         raise BadFrameLength(f"{len(data)} bytes: a frame of {whole}, and zeros")
     table = np.frombuffer(body, dtype=_slot(cols, code_bits))
     codes = table["codes"].astype(np.uint16)

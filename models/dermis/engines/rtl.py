@@ -286,7 +286,7 @@ def read_codes(plan: Plan, path: Path, frames: int) -> NDArray[np.uint16]:
         try:
             answer = bytes.fromhex(line)
             head, data = answer[:ANSWER_BYTES], answer[ANSWER_BYTES:]
-            if head[:1] != bytes([spi_protocol.TOKEN_DATA]) or int.from_bytes(head[1:], "big") != len(data):
+            if head[:1] != bytes([spi_protocol.TOKEN_FRAME]) or int.from_bytes(head[1:], "big") != len(data):
                 raise SimulatorError(f"the chip answers FRAME with {line[:40]}")
             codes.append(read_out.codes_of_frame(data, frame, plan.timing, plan.cols))
         except ValueError:

@@ -18,7 +18,7 @@ from dermis.chip.host import Host
 from dermis.errors import DermisError
 
 LIMIT = 7  # bytes of a transfer: even a command and its answer take several
-ERRORS = "OK PORT NO_ANSWER BAD_TOKEN NO_REGISTER NOT_WRITTEN BAD_CRC BAD_LENGTH TIMEOUT OTHER_CHIP".split()
+ERRORS = "OK PORT NO_ANSWER BAD_TOKEN NO_REGISTER NOT_WRITTEN BAD_CRC BAD_LENGTH TIMEOUT OTHER_CHIP WAS_RESET".split()
 
 
 class Line:
