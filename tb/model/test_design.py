@@ -84,6 +84,7 @@ def test_every_stored_value_has_a_marked_reason_and_nothing_else_has() -> None:
         ("r_min_ohm = 500.0", "r_min_ohm = 499.0", "r_min_ohm = 499.0: at least 2 v_bias_v / (k i0_a)"),
         ("k = 80", "k = 81", "interface.k = 81: one of k_options"),
         ("[20, 40, 80, 160]", "[80, 40, 20, 160]", "four different ratios, rising"),
+        ("[20, 40, 80, 160]", "[20, 40, 160]", "k_options = [20, 40, 160]: a list of 4"),
         ("[20, 40, 80, 160]", "[20, 40, 80]", "interface.k_options"),
         ("c_int_f = 5e-12", "c_int_f = 3e-12", "converter.c_int_f = 3e-12: a packet of at most 1.5 V"),
         ("v_out_max_v = 1.5", "v_out_max_v = 1.7", "at most supply.vdd_v"),
