@@ -20,6 +20,7 @@ import tomlkit
 from pydantic import BaseModel
 
 from dermis.chip import hdl
+from dermis.chip import spi_protocol as spi
 from dermis.converter import vfc
 from dermis.errors import InputError
 from dermis.files import write_atomic
@@ -27,6 +28,7 @@ from dermis.report import verdict
 from dermis.scene import design as design_module
 from dermis.scene.design import ABSOLUTE_ZERO_C, K_BOLTZMANN_J_PER_K, Design, exact, spec
 from dermis.scene.schema import entry, validate
+from scripts.synth.command import sdc_periods
 
 HALF = Fraction(1, 2)
 FILE = "command line"
@@ -434,15 +436,36 @@ def _judged(
         kept = {"k": int(answer.k)} if targets.k is None and targets.i0_a is None else {}
         row("mirror_settling", settled, note, longer | kept)
 
+    def slower(most_hz: Fraction) -> Changes:
+        """Return the target that makes a clock of at most this frequency."""
+        if targets.f_clk_hz is not None:
+            return {"f_clk_hz": _at_most(most_hz)}
+        return {"frame_s": _at_least(answer.array_rows * answer.slot_clocks / most_hz)}
+
     delay = exact(base.comparator.t_delay_s)
-    note, slower = f"delay {float(delay):g} s at {float(f_clk):g} Hz", None
+    note, nearer = f"delay {float(delay):g} s at {float(f_clk):g} Hz", None
     if delay:
-        slowest = limit("comparator_delay_clocks") / delay
-        slower: Changes | None = {"f_clk_hz": _at_most(slowest)}
-        if targets.f_clk_hz is None:
-            slower = {"frame_s": _at_least(answer.array_rows * answer.slot_clocks / slowest)}
-        note += f", so f_clk up to {float(slowest):g} Hz"
-    row("comparator_delay_clocks", delay * f_clk, note, slower)
+        most = limit("comparator_delay_clocks") / delay
+        note, nearer = f"{note}, so f_clk up to {float(most):g} Hz", slower(most)
+    row("comparator_delay_clocks", delay * f_clk, note, nearer)
+    row("core_clock_hz", f_clk, "before layout, at the slow corner", slower(limit("core_clock_hz")))
+
+    sck_hz = exact(1e9 / sdc_periods()["sck"])
+    size = spi.frame_bytes(answer.array_rows, answer.array_cols, answer.bits)
+
+    def spi_s(clock_hz: Fraction) -> Fraction:
+        """Return the time in which a frame is read, with the wait bytes of docs/spi.md."""
+        return 8 * (1 + math.ceil((3 + 4 * sck_hz / clock_hz) / 8) + 3 + size) / sck_hz
+
+    read_s = longest = spi_s(f_clk)
+    for _ in range(
+        9 if targets.f_clk_hz is None else 0
+    ):  # a longer frame has a slower clock, which answers later
+        longest = spi_s(f_clk * min(1, answer.frame_s / longest))
+    if targets.f_clk_hz is not None:  # slots are whole clocks
+        longest = answer.array_rows * math.ceil(longest / answer.array_rows * f_clk) / f_clk
+    note = f"{size} bytes in {float(read_s):.3g} s at {float(sck_hz):g} Hz of SCK"
+    row("spi_time", read_s / answer.frame_s, note, {"frame_s": _at_least(longest / limit("spi_time"))})
 
     charge = i0 / f_clk
     swing = min(exact(base.swing_v), targets.take("packet_v", base.swing_v))
