@@ -121,7 +121,9 @@ def cli() -> None:
     help="Verilog simulator of rtl and cosim; default: verilator for rtl, icarus for cosim.",
 )
 @click.option(
-    "--waves", is_flag=True, help="Also write waves.vcd, waves.gtkw and transient.png (cosim only)."
+    "--waves",
+    is_flag=True,
+    help="Also write waves.vcd, waves.gtkw and transient.png of the first frames, at most 4 (cosim only).",
 )
 @click.option(
     "--views",

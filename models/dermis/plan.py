@@ -39,13 +39,13 @@ def make(world: Scene, engine: str | None = None) -> Plan:
     """
     auto = world.table.effects.auto
     engine = world.table.run.engine if engine is None else engine
+    # Only cosim has transistors; what else the scene asks for does not change that.
+    transistors = Views.of(world.table.run.views).in_transistors(world.table.interface.topology)
+    usual = "cosim" if transistors else "closed" if auto is None else "event"
+    made = whole(world, engine or usual, auto)
     if auto is None:
-        made = whole(world, engine or "closed")
-        if engine is None:
-            made = replace(made, engine=engines.cheapest(made) or made.engine)
-        return made
-    made = whole(world, engine or "event", auto)
-    if engine is None and not engines.refused(made, "closed"):
+        return replace(made, engine=engine or engines.cheapest(made) or usual)
+    if engine is None and not transistors and not engines.refused(made, "closed"):
         made = replace(made, engine="closed", filtered=False)
     return made
 

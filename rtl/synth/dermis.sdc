@@ -10,7 +10,8 @@ create_clock -name clk -period $clk_period [get_ports clk_i]
 create_clock -name sck -period $sck_period [get_ports spi_sck_i]
 # Chip select clocks one flop at its falling edge, u_spi.begun_q, half a period of SCK before the first edge that uses it.
 # 16 periods are the shortest transfer.
-create_clock -name cs -period [expr 16 * $sck_period] [get_ports spi_cs_ni]
+create_clock -name cs -period [expr 16 * $sck_period] -waveform [list [expr 0.5 * $sck_period] [expr 8.5 * $sck_period]] \
+  [get_ports spi_cs_ni]
 
 # Skew and jitter of trees that do not exist yet, and cells of one die that differ by 5 %.
 set_clock_uncertainty -setup 0.5 [get_clocks {clk sck cs}]

@@ -129,14 +129,16 @@ DIRECT = {"topology": "direct"}
         ({"default": "behavioural", "corner": "ss"}, {}, {}, "run.views.corner"),
         ({"default": "behavioural", "supply_scale": 0.9}, {}, {}, "run.views.supply_scale"),
         ({"default": "behavioural", "columns": [0]}, {}, {}, "run.views.columns"),
+        ({"default": "behavioural", "conveyor": "sky130", "corner": "ss"}, {}, DIRECT, "run.views.corner"),
     ],
 )  # fmt: skip
 @pytest.mark.paper
 def test_what_transistors_cannot_do_is_refused_by_name(
     views: Table, effects: Table, interface: Table, key: str, tmp_path: Path
 ) -> None:
-    error = refused(lambda: engines.check(make([[500.0, 500.0]], views, tmp_path, effects, interface)))
-    assert error.key == key
+    for engine in ("cosim", None):
+        given = [[500.0, 500.0]], views, tmp_path, effects, interface, engine
+        assert refused(lambda given=given: engines.check(make(*given))).key == key
 
 
 def test_a_block_that_is_a_model_takes_its_effects(tmp_path: Path) -> None:
@@ -151,6 +153,9 @@ def test_only_decks_have_views(tmp_path: Path) -> None:
     for name in ("closed", "event", "rtl"):
         made = make([[500.0]], "sky130", tmp_path, engine=name)
         assert refused(engines.run, made).key == "run.engine"
+    assert scene.with_views(made.scene, "behavioural").table.run.views == "behavioural"
+    table = make([[500.0]], {"comparator": "behavioural"}, tmp_path)
+    assert refused(scene.with_views, table.scene, "behavioural").key == "--views"
 
 
 @pytest.mark.paper

@@ -87,7 +87,9 @@ def run(
     def scanned(blocks: tuple[masking.Block, ...], files: Path) -> list[dict[str, Any]]:
         slots = sum(len(block.rows) for block in blocks)
         masked = plan.frames * plan.rows - slots
-        jobs = max(min(os.cpu_count() or 1, len(blocks)), math.ceil(slots / plan.rows / FRAMES_A_PROCESS))
+        # Waves are those of the first process: the same frames on any number of cores.
+        cores = 1 if record else os.cpu_count() or 1
+        jobs = max(min(cores, len(blocks)), math.ceil(slots / plan.rows / FRAMES_A_PROCESS))
         done = [0] * jobs
 
         def one(index: int) -> dict[str, Any]:

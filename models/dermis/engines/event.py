@@ -45,7 +45,8 @@ def _refuses_return(plan: Plan) -> InputError | None:
     asked = {
         "line_capacitance": bool(active & injection.CAPACITANCES),
         "mirror_lag": course.has_idle_current(plan),
-        "integrator_gain": couples(plan),
+        "integrator_gain": couples(plan) and "inv_gain_dc" in active,
+        "integrator_bandwidth": couples(plan),
     }
     if (name := next((name for name, on in asked.items() if on), None)) is None:
         return None

@@ -203,7 +203,8 @@ def with_effects(world: Scene, table: Any, engine: str | None) -> Scene:
 
 def with_views(world: Scene, views: str) -> Scene:
     """Return the scene with every SPICE block in this view, at default conditions."""
-    if not isinstance(world.table.run.views, str):
+    own = world.table.run.views
+    if not isinstance(own, str) and own != Views.of(own.default):
         allowed = "none, because the scene has a table run.views for its blocks"
         raise InputError("command line", "--views", views, allowed)
     return _again(world, {"views": views})
@@ -258,7 +259,9 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
         "sensor": sensor.resolve(table.sensor, design.sensor, path),
         "interface": interface,
         "stimulus": stimulus.resolve(table.stimulus, array.rows, cols, t_frame_s),
-        "run": table.run.model_copy(update={"views": views.resolve(table.run.views, cols, path)}),
+        "run": table.run.model_copy(
+            update={"views": views.resolve(table.run.views, cols, interface.topology, path)}
+        ),
         "effects": named,
         "front_end": board,
     }

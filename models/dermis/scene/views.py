@@ -71,7 +71,7 @@ class Views(Strict):
 BEHAVIOURAL = Views.of("behavioural")
 
 
-def resolve(said: str | Views, cols: int, path: Path) -> str | Views:
+def resolve(said: str | Views, cols: int, topology: str, path: Path) -> str | Views:
     """Fill in the view of every block.
 
     Raises InputError if a column is outside the array or named twice, or columns or conditions are given but no
@@ -80,15 +80,15 @@ def resolve(said: str | Views, cols: int, path: Path) -> str | Views:
     if said == "behavioural":
         return said
     views = Views.of(said)
-    refuse(_wrong(views, cols), views, path, "run.views.")
+    refuse(_wrong(views, cols, topology), views, path, "run.views.")
     return views
 
 
-def _wrong(views: Views, cols: int) -> Iterator[tuple[str, str]]:
+def _wrong(views: Views, cols: int, topology: str) -> Iterator[tuple[str, str]]:
     columns = views.columns
     if columns is not None and not len(set(columns) & set(range(cols))) == len(columns) > 0:
         yield "columns", f"a list of different whole numbers from 0, below array.cols = {cols}"
-    if not any(getattr(views, name) == "sky130" for name in BLOCKS):
+    if not views.in_transistors(topology):
         for name in ("columns", "corner", "temperature_c", "supply_scale"):
             if getattr(views, name) != getattr(BEHAVIOURAL, name):
-                yield name, 'nothing where no block is "sky130"'
+                yield name, 'nothing where no block of the topology is "sky130"'
