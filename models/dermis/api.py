@@ -146,7 +146,7 @@ def simulate(
     engine : str, optional
         "closed", "event", "rtl" or "cosim"; by default the scene's own, or the cheapest that can do it.
     effects : dict, optional
-        Effects to add or change, by name: parameters, True for the defaults, False for off.
+        Effects to add, by name, or to replace with all their parameters: those, True for the defaults, False for off.
     seed : int, optional
         Seed of everything random.
     design : path, dict or Design, optional

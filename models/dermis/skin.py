@@ -213,7 +213,7 @@ class Skin(Threaded):
     envs : int, optional
         Number of sheets; forces and codes are then [envs, rows, cols] or [frames, envs, rows, cols].
     effects : mapping, optional
-        Effects that are added to the scene's, by name.
+        Effects that are added to the scene's, by name, or replace them with all their parameters.
     seed : int, optional
         Instead of the scene's. Sheet e has after its n-th reset the random draws of seed + e + n envs.
     dead, stuck : float

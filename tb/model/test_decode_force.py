@@ -194,6 +194,44 @@ def test_intervals_hold_the_creep_of_loads_that_are_not_certain() -> None:
 
 
 @pytest.mark.paper
+def test_hysteresis_leaves_the_creep_of_a_faint_load_in_its_interval() -> None:
+    """0.74 LSB beside a neighbour whose crosstalk reads a code: at rest by its estimate, but it may be a load."""
+    effects: dict[str, Any] = {"column_input": {"r_ohm": 18.7}, "lateral": {"r_ohm": 1670.0}}
+    skin = Skin(
+        {"array": {"rows": 1, "cols": 2}}, effects=effects | {"sensor_hysteresis": True, "sensor_creep": True}
+    )
+    force = np.zeros((5, 1, 2))
+    force[:, 0, 1], force[2:4, 0, 0], force[4, 0, 0] = 2.48, 0.0434, 7.77
+    for t_frame_s in (1.0, 100.0):
+        skin.reset()
+        found = skin.decode(skin.read(force, t_frame_s), t_frame_s)
+        assert found.force_n[3, 0, 0] == 0.0
+        assert found.holds(force).all()
+
+
+@pytest.mark.parametrize("memory", [{}, {"sensor_creep": True}])
+def test_neighbours_of_a_missing_code_hold_for_any_code_there(memory: dict[str, Any]) -> None:
+    rng = np.random.default_rng(0)
+    force = rng.uniform(6.0, 10.0, (3, 4, 8))
+    skin = Skin({"array": {"rows": 4, "cols": 8}}, effects={"row_driver": {"r_ohm": 10.0}} | memory)
+    codes, missing = skin.read(force), np.zeros(force.shape, bool)
+    missing[1, 1, :6] = True
+    kept = [
+        skin.decoder.decode(np.where(missing, fill, codes), missing=missing)
+        for fill in (0, 100)
+        if not skin.reset()
+    ]
+    for found in kept:
+        assert found.holds(force)[~missing].all()
+        assert np.isnan(found.force_n).sum() == np.isinf(found.high_n).sum() == 6
+    assert (kept[0].low_n == kept[1].low_n).all() or memory
+    for wrong in (missing.astype(int), missing[:1], missing[0], missing.tolist()):
+        with pytest.raises(
+            ValueError, match=r"missing must be a bool array of the shape of the codes, \[3, 4, 8\]"
+        ):
+            skin.decoder.decode(codes, missing=wrong)
+
+
 def test_frames_of_another_array_are_refused() -> None:
     decoder = decoder_of(made())
     with pytest.raises(InputError, match="16 x 16"):

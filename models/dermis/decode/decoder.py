@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import itertools
 import threading
 from collections import namedtuple
 from dataclasses import dataclass
@@ -60,7 +61,10 @@ class Forces:
     def writable(self, shape: tuple[int, ...]) -> list[NDArray]:
         """Return the four arrays; ValueError unless a compiled loop may write results of this shape into them."""
         kinds = {"force_n": float, "low_n": float, "high_n": float, "flags": np.uint8}
-        return [check_out(getattr(self, n), shape, kind, f"out.{n}") for n, kind in kinds.items()]
+        arrays = [check_out(getattr(self, n), shape, kind, f"out.{n}") for n, kind in kinds.items()]
+        if any(np.may_share_memory(a, b) for a, b in itertools.combinations(arrays, 2)):
+            raise ValueError("the arrays of out share memory: each needs its own")
+        return arrays
 
     def holds(self, force_n: Floats) -> Bools:
         """Return True where a force in newtons lies in its interval."""
@@ -534,12 +538,14 @@ class Decoder(Threaded):
         out : Forces, optional
             Arrays of the shape of the codes to fill, so that nothing is allocated.
         missing : ndarray of bool, optional
-            Codes that no reading made, shaped as they: hysteresis and creep may have been anywhere there.
+            Codes that no reading made, shaped as they: their forces are NaN in 0..inf, and the intervals of all others
+            hold for any code there. Hysteresis and creep may have been anywhere; the next call goes on from the codes
+            as they are given.
 
         Raises
         ------
         ValueError
-            Codes of a wrong shape, kind or range, times that run backwards, or arrays to fill of another shape or type.
+            Codes of a wrong shape, kind or range, times that run backwards, or other arrays of another shape or type.
         """
         cal = self.calibration
         codes = unmasked(codes, "codes")
@@ -553,19 +559,43 @@ class Decoder(Threaded):
         dt_s = times(self.t_frame_s if t_frame_s is None else t_frame_s, len(frames))
         out = Forces.empty(codes.shape) if out is None else out
         results = tuple(array.reshape(frames.shape) for array in out.writable(codes.shape))
-        hidden = (np.zeros(0, np.bool_) if missing is None else missing).reshape(-1, cal.rows, cal.cols)
-        solved, solved_off = np.empty((0, 2, cal.rows, cal.cols)), np.empty((0, 0, 2, cal.rows, cal.cols))
+        hidden = np.zeros((0, *frames.shape[1:]), np.bool_)
+        if missing is not None:
+            if (
+                not isinstance(missing, np.ndarray)
+                or missing.dtype != np.bool_
+                or missing.shape != codes.shape
+            ):
+                raise ValueError(
+                    f"missing must be a bool array of the shape of the codes, {list(codes.shape)}"
+                )
+            hidden = np.ascontiguousarray(missing.reshape(frames.shape)) if missing.any() else hidden
         with self._lock if cal.memory.active else contextlib.nullcontext():
-            if not self._lumped:
-                solved = self.conductances(frames, self._network)
-                if self._off:
-                    solved_off = np.array([self.conductances(frames, network) for network in self._off])
-            state = self.memory.arrays()
-            _decode_frames(self._known, frames, hidden, dt_s, self._modes, solved, solved_off, state, results)
-            self.memory.passed(len(frames))
+            before = copy.deepcopy(self.memory) if hidden.size else self.memory
+            self._decode(frames, hidden, dt_s, results)
+            after, (force, low, high, _) = self.memory, results
+            # The ends of its range; at full scale it would be a short, which opens all intervals of its row.
+            for end in (0, cal.code_max - 1) if hidden.size else ():
+                self.memory, other = copy.deepcopy(before), tuple(map(np.empty_like, results))
+                self._decode(np.where(hidden, end, frames).astype(frames.dtype), hidden, dt_s, other)
+                np.minimum(low, other[1], out=low)
+                np.maximum(high, other[2], out=high)
+                force[hidden], low[hidden], high[hidden] = np.nan, 0.0, np.inf
+            self.memory = after
         if (self._least > 0).any():  # of an amplifier; the chip and dividers read no less than 0
             out.high_n[(frames < self._least).reshape(codes.shape)] = np.inf
         return out
+
+    def _decode(self, frames: NDArray, hidden: Bools, dt_s: Floats, results: tuple[NDArray, ...]) -> None:
+        """Decode rising codes [frames, rows, cols] and go on with the stream; `hidden` may be empty."""
+        solved, solved_off = np.empty((0, 2, *frames.shape[1:])), np.empty((0, 0, 2, *frames.shape[1:]))
+        if not self._lumped:
+            solved = self.conductances(frames, self._network)
+            if self._off:
+                solved_off = np.array([self.conductances(frames, network) for network in self._off])
+        state = self.memory.arrays()
+        _decode_frames(self._known, frames, hidden, dt_s, self._modes, solved, solved_off, state, results)
+        self.memory.passed(len(frames))
 
     def conductances(self, codes: NDArray, network: Network) -> Floats:
         """Solve codes [frames, rows, cols] by `crosstalk.solve`.

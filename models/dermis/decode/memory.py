@@ -160,6 +160,8 @@ def undo_frame(ends, near, state, frame, dt_s, gained, fresh, g_open, law):
     near_low, near_high = near
     z, past, moved, band, creep, loaded, gone = state
     radius, weight, per_decade = law
+    # A taxel without load conducts at most so much, after any load.
+    open_most = g_open * np.exp(2.0 * (weight * radius).sum())
     for t in range(g.size):
         if per_decade:
             least, most = creep[0, t].sum(), creep[1, t].sum() + (0.0 if loaded[1, t] else gained.sum())
@@ -169,6 +171,7 @@ def undo_frame(ends, near, state, frame, dt_s, gained, fresh, g_open, law):
             high[t] /= 1.0 + per_decade * least
             near_low[t] *= factor
             near_high[t] *= factor
+        read = g[t] > open_most
         if radius.size and g[t] < np.inf:
             y = _log(g[t])
             y_low, y_high = min(_log(low[t]), y - ROUNDING), max(_log(min(high[t], 1e300)), y + ROUNDING)
@@ -219,7 +222,7 @@ def undo_frame(ends, near, state, frame, dt_s, gained, fresh, g_open, law):
             low[t] = np.exp(x_low) if x_low > LOG_OPEN + 1.0 else 0.0
             if high[t] < np.inf:
                 high[t] = np.exp(x_high) if x_high > LOG_OPEN + 1.0 else high[t]
-        certain, seen = low[t] > g_open, g[t] > g_open or high[t] == np.inf
+        certain, seen = low[t] > g_open, read or g[t] > g_open or high[t] == np.inf
         for k in range(gained.size):
             creep[0, t, k] -= gained[k] if loaded[0, t] and not certain else 0.0
             creep[1, t, k] += gained[k] if seen and not loaded[1, t] else 0.0

@@ -196,19 +196,7 @@ def _filled(values: Floats) -> Floats:
 
 def _decoded(skin: Skin, rec: Recording, codes: Codes, missing: Bools, dt: Floats) -> Forces:
     """Decode codes; a missing one gives NaN in 0..inf, and may be any code for the intervals of the others."""
-    if not missing.any():
-        found = skin.decode(codes, dt)
-    else:
-        found = skin.decoder.decode(codes, dt, missing=missing)
-        # The ends of its range; at full scale it would be a short, which opens all intervals of its row.
-        known = skin.decoder.calibration
-        for other in known.rising(np.array([0, known.code_max - 1])):
-            skin.decoder.reset()
-            filled = np.where(missing, other, codes).astype(codes.dtype)
-            end = skin.decoder.decode(filled, dt, missing=missing)
-            np.minimum(found.low_n, end.low_n, out=found.low_n)
-            np.maximum(found.high_n, end.high_n, out=found.high_n)
-        found.force_n[missing], found.low_n[missing], found.high_n[missing] = np.nan, 0.0, np.inf
+    found = skin.decoder.decode(codes, dt, missing=missing)
     for array in (found.force_n, found.low_n, found.high_n):
         array[:, ~rec.present] = 0.0
     return found
