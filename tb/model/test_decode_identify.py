@@ -305,6 +305,29 @@ def test_one_cycle_tells_hysteresis_and_creep() -> None:
         identify.fit_memory(known, np.zeros((5, SIZE, SIZE)), np.zeros((5, SIZE, SIZE)), 2e-3)
 
 
+def test_the_uncertainty_of_creep_is_that_of_few_taxels_and_no_factor_moves_it() -> None:
+    """Roundings of a taxel at rest are alike; an error of its factor looked like creep: 8 sigma for 0.5 %."""
+    effects = {"sensor_hysteresis": True, "sensor_creep": True}
+    true = Skin(array={"rows": SIZE, "cols": SIZE}, effects=effects)
+    known = command.without_memory(Calibration.of_plan(true.plan))
+    rng, pulls = np.random.default_rng(5), []
+    rise = np.r_[np.linspace(0, 1, 125), np.ones(250), np.linspace(1, 0, 125)]
+    for _ in range(4):
+        force = np.zeros((rise.size, SIZE, SIZE))
+        force[:, 1, 2], force[:, 2, 3] = (9 + rng.random()) * rise, (6 + rng.random()) * rise
+        true.reset()
+        codes = true.read(force, session.T_FRAME_S)
+        off = dataclasses.replace(
+            known, factor=known.factor * np.exp(5e-3 * rng.standard_normal((SIZE, SIZE)))
+        )
+        fits = (identify.fit_memory(one, codes, force, session.T_FRAME_S)[1] for one in (known, off))
+        (creep, sigma), moved = (values["creep_per_decade"] for values in fits)
+        # A search ends within a thousandth of a standard uncertainty.
+        assert moved[0] == pytest.approx(creep, abs=0.01 * sigma)
+        pulls.append((creep - 0.05) / sigma)
+    assert np.sqrt(np.mean(np.square(pulls))) < 1.3, pulls
+
+
 @pytest.mark.parametrize("sigma", [0.0, 0.05, 0.2, 0.5, 2.0])
 def test_noise_is_found_below_and_above_the_step_of_a_code(sigma: float) -> None:
     rng = np.random.default_rng(1)
