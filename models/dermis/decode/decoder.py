@@ -560,42 +560,40 @@ class Decoder(Threaded):
         out = Forces.empty(codes.shape) if out is None else out
         results = tuple(array.reshape(frames.shape) for array in out.writable(codes.shape))
         hidden = np.zeros((0, *frames.shape[1:]), np.bool_)
-        if missing is not None:
-            if (
-                not isinstance(missing, np.ndarray)
-                or missing.dtype != np.bool_
-                or missing.shape != codes.shape
-            ):
-                raise ValueError(
-                    f"missing must be a bool array of the shape of the codes, {list(codes.shape)}"
-                )
-            hidden = np.ascontiguousarray(missing.reshape(frames.shape)) if missing.any() else hidden
+        fits = isinstance(missing, np.ndarray) and missing.dtype == np.bool_ and missing.shape == codes.shape
+        if missing is not None and not fits:
+            raise ValueError(f"missing must be a bool array of the shape of the codes, {list(codes.shape)}")
+        if missing is not None and missing.any():
+            hidden = np.ascontiguousarray(missing.reshape(frames.shape))
         with self._lock if cal.memory.active else contextlib.nullcontext():
             before = copy.deepcopy(self.memory) if hidden.size else self.memory
-            self._decode(frames, hidden, dt_s, results)
-            after, (force, low, high, _) = self.memory, results
-            # The ends of its range; at full scale it would be a short, which opens all intervals of its row.
-            for end in (0, cal.code_max - 1) if hidden.size else ():
-                self.memory, other = copy.deepcopy(before), tuple(map(np.empty_like, results))
-                self._decode(np.where(hidden, end, frames).astype(frames.dtype), hidden, dt_s, other)
-                np.minimum(low, other[1], out=low)
-                np.maximum(high, other[2], out=high)
+            self._decode(self.memory, frames, hidden, dt_s, results)
+            if hidden.size:
+                force, low, high, _ = results
+                # The ends of its range; at full scale it would be a short, which opens all intervals of its row.
+                for end in (0, cal.code_max - 1):
+                    filled = np.where(hidden, end, frames).astype(frames.dtype)
+                    other = tuple(map(np.empty_like, results))
+                    self._decode(copy.deepcopy(before), filled, hidden, dt_s, other)
+                    np.minimum(low, other[1], out=low)
+                    np.maximum(high, other[2], out=high)
                 force[hidden], low[hidden], high[hidden] = np.nan, 0.0, np.inf
-            self.memory = after
         if (self._least > 0).any():  # of an amplifier; the chip and dividers read no less than 0
             out.high_n[(frames < self._least).reshape(codes.shape)] = np.inf
         return out
 
-    def _decode(self, frames: NDArray, hidden: Bools, dt_s: Floats, results: tuple[NDArray, ...]) -> None:
-        """Decode rising codes [frames, rows, cols] and go on with the stream; `hidden` may be empty."""
+    def _decode(
+        self, memory: SheetMemory, frames: NDArray, hidden: Bools, dt_s: Floats, results: tuple[NDArray, ...]
+    ) -> None:
+        """Decode rising codes [frames, rows, cols] and go on with a stream; `hidden` may be empty."""
         solved, solved_off = np.empty((0, 2, *frames.shape[1:])), np.empty((0, 0, 2, *frames.shape[1:]))
         if not self._lumped:
             solved = self.conductances(frames, self._network)
             if self._off:
                 solved_off = np.array([self.conductances(frames, network) for network in self._off])
-        state = self.memory.arrays()
+        state = memory.arrays()
         _decode_frames(self._known, frames, hidden, dt_s, self._modes, solved, solved_off, state, results)
-        self.memory.passed(len(frames))
+        memory.passed(len(frames))
 
     def conductances(self, codes: NDArray, network: Network) -> Floats:
         """Solve codes [frames, rows, cols] by `crosstalk.solve`.

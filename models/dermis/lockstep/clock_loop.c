@@ -385,7 +385,9 @@ static bool approach(double to, bool *crossed)
                     ;
                 return wrong("%s: bit %d passed %.9g V by %.3g V at %.9g s: %s", out->name, p - out->first,
                              lp.above[p], past, at,
-                             lp.clear[p] || lp.events > 1 ? "use a smaller step_s; a threshold that a node rests on must move" : "it began there, so it crosses or not: move the threshold");
+                             lp.clear[p] || lp.events > 1
+                                 ? "use a smaller step_s; a threshold that a node rests on must move"
+                                 : "it began there, so it crosses or not: move the threshold");
             }
             if (rest <= LANDED_V + 1e-15 * fabs(lp.above[p]))
                 lp.high[p] ^= 1, lp.clear[p] = false, *crossed = true;
