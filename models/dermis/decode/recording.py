@@ -233,10 +233,11 @@ def _physical(item: Any) -> Any:
     ends = told.get("valid_range", [*told.get("valid_min", [-np.inf]), *told.get("valid_max", [np.inf])])
     none = np.isin(values, [v for n in _FILLS for v in told.get(n, ())])
     none |= (values < ends[0]) | (values > ends[-1])
-    # In the precision of its factors, in which the writer's zero is 0.
-    factors = [told.get(n, np.float32([n == "scale_factor"])) for n in _PACKED[-2:]]
-    kind = np.result_type(np.float32, *factors, *([values] if values.dtype.kind == "f" else ()))
-    return np.where(none, np.nan, values.astype(kind) * factors[0][0] + factors[1][0])
+    # Numbers of 16 bits with factors of float32 stay in that precision, in which the writer's zero is 0.
+    scale, offset = (
+        1.0 * told.get(n, [default])[0] for n, default in (("scale_factor", 1), ("add_offset", 0))
+    )
+    return np.where(none, np.nan, values * scale + offset)
 
 
 def _unit_set(sets: dict[str, Any]) -> str:

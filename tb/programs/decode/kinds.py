@@ -245,9 +245,10 @@ def packed(path: Path, stated: str = "ms") -> None:
 
 
 def netcdf(path: Path) -> None:
-    """Write whole numbers with factors of float32, by which 100 is exactly 0, and one beyond what is valid."""
+    """Write whole numbers with factors of float32, by which 100 is exactly 0, one beyond what is valid, and stamps."""
     with h5py.File(path, "w") as file:
-        file["p"], file["time_s"] = (np.round(FRAMES) * 100 + 100).astype(np.int16), TIME
+        file["p"], file["stamp_ns"] = (np.round(FRAMES) * 100 + 100).astype(np.int16), np.array(STAMPS)
+        file["stamp_ns"].attrs["_FillValue"] = np.int64(-1)
         file["p"][3, 0, 5] = 20_000
         file["p"][4, 0, 5] = 100
         file["p"].attrs.update(
