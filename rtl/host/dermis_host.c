@@ -65,7 +65,8 @@ static int ask(const dermis_host *host, uint8_t *command, size_t count, uint8_t 
   if (status != DERMIS_OK) return status;
   /* A wrong opcode is answered before this command is over: as unknown, or as a shorter one, which wrote nothing. */
   for (size_t n = 0; n < count; n++)
-    if (command[n]) return command[n] == TOKEN_DATA || command[n] == TOKEN_FRAME ? DERMIS_NOT_WRITTEN : refusal(command[n]);
+    if (command[n] == TOKEN_DATA || command[n] == TOKEN_FRAME) return DERMIS_NOT_WRITTEN;
+    else if (command[n]) return refusal(command[n]);
   for (unsigned n = 0; status == DERMIS_OK && token == 0; n++) {
     if (n > host->wait_bytes) return DERMIS_NO_ANSWER;
     status = exchange(host, NULL, &token, 1);

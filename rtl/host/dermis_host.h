@@ -37,7 +37,8 @@ int dermis_write(const dermis_host *host, uint8_t address, uint16_t value);
 /* Check ID, then write `count` pairs of address and value. */
 int dermis_set_up(const dermis_host *host, const uint16_t (*settings)[2], size_t count);
 
-/* Read registers back; a chip that was reset in operation has its reset values, and its frame number began again at 1. */
+/* Read registers back; a chip that was reset in operation has its reset values, and its frame number began
+   again at 1. */
 int dermis_check(const dermis_host *host, const uint16_t (*settings)[2], size_t count);
 
 /* Read STATUS until a bit of `mask` is set, at most `polls` times. */

@@ -10,7 +10,7 @@ import ctypes
 import os
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from dermis.chip import register_map as rm
 from dermis.chip import spi_protocol as spi
@@ -67,18 +67,18 @@ class Host:
 
     def set_up(self, **registers: int) -> None:
         """Check the chip's ID, then write registers by name; SpiError, InputError for an unknown name."""
-        if unknown := registers.keys() - rm.REGISTERS.keys():
-            raise InputError("set_up", "register", min(unknown), ", ".join(rm.REGISTERS))
+        _refuse_unknown(registers)
         if (found := self.read(rm.ID)) != rm.REGISTERS["ID"].reset:
             raise OtherChip(f"ID is 0x{found:04X}")
         for name, value in registers.items():
             self.write(rm.REGISTERS[name].address, value)
 
     def check(self, **registers: int) -> None:
-        """Read registers by name, as given to `set_up`; WasReset for another value, SpiError.
+        """Read registers by name, as given to `set_up`; WasReset for another value, or errors as there.
 
         A chip that is reset in operation goes on with its reset values; only the frame number begins again at 1.
         """
+        _refuse_unknown(registers)
         for name, value in registers.items():
             if (found := self.read(rm.REGISTERS[name].address)) != value:
                 raise WasReset(f"{name} is {found}, not {value}: set the chip up again")
@@ -101,6 +101,11 @@ class Host:
 
         self.wait(rm.STATUS_FRAME_READY_MASK, timeout_s)
         return self._run(read, CORRUPTED)
+
+
+def _refuse_unknown(registers: Mapping[str, int]) -> None:
+    if unknown := registers.keys() - rm.REGISTERS.keys():
+        raise InputError("set_up", "register", min(unknown), ", ".join(rm.REGISTERS))
 
 
 class Spidev:

@@ -63,10 +63,13 @@ class Coupling(NamedTuple):
     links: Floats
 
 
-def couples(plan: Plan) -> bool:
-    """Return True if columns of a plan are coupled."""
+def couples(plan: Plan) -> str | None:
+    """Return the effect by which columns of a plan are coupled, None if they are not."""
     active = plan.active_fields()
-    return plan.topology == "direct" and bool(active & COUPLING and active & {"inv_gain_dc", "t_gbw_s"})
+    if plan.topology != "direct" or not active & COUPLING:
+        return None
+    of_field = {"inv_gain_dc": "integrator_gain", "t_gbw_s": "integrator_bandwidth"}
+    return next((effect for field, effect in of_field.items() if field in active), None)
 
 
 def coupling(plan: Plan, part: slice) -> Coupling | None:
@@ -74,7 +77,7 @@ def coupling(plan: Plan, part: slice) -> Coupling | None:
 
     InputError where columns are coupled so strongly that the walk may be off by a count.
     """
-    if not couples(plan):
+    if (effect := couples(plan)) is None:
         return None
     if plan.cols > BLOCK:
         allowed = f"at most {BLOCK} columns that are coupled, or engine cosim"
@@ -95,7 +98,6 @@ def coupling(plan: Plan, part: slice) -> Coupling | None:
     if not doubt <= 1.0:
         active = plan.active_fields()
         names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}
-        effect = "integrator_gain" if "inv_gain_dc" in active else "integrator_bandwidth"
         raise plan.unsure(effect, sorted(names), "column coupling that", 1.0, doubt)
     shape = (len(middle_s), plan.rows, plan.cols, 2, plan.cols)
     return Coupling(np.broadcast_to(middle_s[..., own, own], shape[:3]), np.broadcast_to(links, shape))

@@ -527,21 +527,21 @@ def _own_laws(
     return found
 
 
-def _sigma_of_cycle(jac: Floats, residual: Floats, used: Bools) -> Floats:
-    """Return standard uncertainties of parameters from residuals of the readings `used` [frames, taxels].
+def _sigma_of_cycle(jac: Floats, residual: Floats, spread: float, used: Bools) -> Floats:
+    """Return standard uncertainties of parameters from residuals, of variance `spread`, of the readings `used` [frames,
+    taxels].
 
     A rounding stays alike for as long as a code does: covariances of a taxel's residuals count up to a hundredth of the
     cycle apart, as Newey and West weigh them (Econometrica 55, 1987). It is never less than that of independent ones.
     """
     inverse = np.linalg.pinv(jac.T @ jac)
-    alone = inverse * float(residual @ residual / max(residual.size - jac.shape[1], 1))
     score = np.zeros((*used.shape, jac.shape[1]))
     score[used] = jac * residual[:, np.newaxis]
     most, frames, inner = len(used) // 100, len(used), np.zeros_like(inverse)
     for apart in range(most + 1):
         product = np.tensordot(score[: frames - apart], score[apart:], axes=([0, 1], [0, 1]))
         inner += (1 - apart / (most + 1)) * (product if apart == 0 else product + product.T)
-    return np.sqrt(np.maximum(np.diag(alone), np.diag(inverse @ inner @ inverse)))
+    return np.sqrt(np.maximum(np.diag(inverse) * spread, np.diag(inverse @ inner @ inverse)))
 
 
 def fit_memory(
@@ -591,11 +591,9 @@ def fit_memory(
 
     # Errors of the law are the same on the way up and down, those of a factor all the time, and static loads hold some
     # creep: all are taken out.
-    own = (
-        np.broadcast_to(np.arange(1, chosen.size), (*used.shape, chosen.size - 1))
-        == np.arange(chosen.size)[:, np.newaxis]
-    )
-    basis, _ = np.linalg.qr(weight[:, None] * np.hstack([_hats(np.log(force[used])), own[used]]))
+    taxel = np.broadcast_to(np.arange(chosen.size), used.shape)[used]
+    own = taxel[:, np.newaxis] == np.arange(1, chosen.size)
+    basis, _ = np.linalg.qr(weight[:, None] * np.hstack([_hats(np.log(force[used])), own]))
 
     def residual(p: Floats) -> Floats:
         off = difference(p) * weight
@@ -604,7 +602,7 @@ def fit_memory(
     start, most = np.array([0.03, 0.7, 0.02]), [0.3, 1, 0.5]
     found = least_squares(residual, start, bounds=([0, 0, 0], most), diff_step=1e-4, x_scale=[0.05, 1, 0.05])
     spread = float(found.fun @ found.fun / max(found.fun.size - 3, 1))
-    sigma = _sigma_of_cycle(found.jac, found.fun, used)
+    sigma = _sigma_of_cycle(found.jac, found.fun, spread, used)
     if (off := np.sqrt(spread)) > CYCLE_OFF * np.hypot(1.0, np.sqrt(12) * calibration.noise_code):
         said = f"readings of the cycle are {off / np.sqrt(12):.2g} codes off any hysteresis and creep"
         asked = "are forces and codes of the same frames? One of a few taxels needs less of the network"

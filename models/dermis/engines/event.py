@@ -45,10 +45,8 @@ def _refuses_return(plan: Plan) -> InputError | None:
     asked = {
         "line_capacitance": bool(active & injection.CAPACITANCES),
         "mirror_lag": course.has_idle_current(plan),
-        "integrator_gain": couples(plan) and "inv_gain_dc" in active,
-        "integrator_bandwidth": couples(plan),
     }
-    if (name := next((name for name, on in asked.items() if on), None)) is None:
+    if (name := next((name for name, on in asked.items() if on), couples(plan))) is None:
         return None
     allowed = f"without {name}, or engine cosim"
     return InputError(plan.scene.path, "effects.return", f"on together with {name}", allowed)

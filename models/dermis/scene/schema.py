@@ -84,10 +84,10 @@ def _in_words(kind: Any, metadata: Sequence[Any]) -> str:
         return "one of " * (len(parts) > 1) + ", ".join(f'"{word}"' for word in parts)
     if kind is int or kind is float:
         return _number_in_words(kind, metadata)
-    if origin is list:
+    if list in (origin, kind):
         sizes = {getattr(m, end) for m in metadata for end in ("min_length", "max_length") if hasattr(m, end)}
         return "a list" + (f" of {sizes.pop()}" if len(sizes) == 1 else "")
-    return {bool: "true or false", str: "text", list: "a list"}.get(kind, "a table")
+    return {bool: "true or false", str: "text"}.get(kind, "a table")
 
 
 _LIMITS = {"ge": ">= ", "gt": "> ", "lt": "below ", "le": "at most "}

@@ -319,6 +319,7 @@ def test_a_port_that_is_not_there_is_one_line(tmp_path: Path) -> None:
         (lambda: Host(lambda data, hold: data, tries=0), "numbers from 1"),
         (lambda: Host(lambda data, hold: data, limit=0), "numbers from 1"),
         (lambda: Host(lambda data, hold: data).set_up(GATE=510, GAIT=1), "GAIT"),
+        (lambda: Host(lambda data, hold: data).check(GAIT=1), "GAIT"),
     ],
 )
 def test_a_wrong_option_or_register_is_one_line(call: Callable[[], object], said: str) -> None:
