@@ -67,7 +67,7 @@ module dermis_registers #(
   localparam integer GATE_VALUE = GATE_CLOCKS;
   localparam integer RANGE_VALUE = RANGE_INDEX;
   localparam integer DARK_MAX_VALUE = ((((GATE_CLOCKS / 2 < (2 << CODE_BITS)) ? GATE_CLOCKS / 2 : (2 << CODE_BITS) - 1) + 31) / 32);
-  localparam integer FULL_MIN_VALUE = (((GATE_CLOCKS / 2 < (2 << CODE_BITS)) ? GATE_CLOCKS / 2 : (2 << CODE_BITS) - 1) * 23 / 32);
+  localparam integer FULL_MIN_VALUE = (((GATE_CLOCKS / 2 < (2 << CODE_BITS)) ? GATE_CLOCKS / 2 : (2 << CODE_BITS) - 1) * 18 / 25);
   localparam integer RANGE_COLUMN_VALUE = RANGE_INDEX;
   localparam [1:0] RANGE_COLUMN_VALUE_LANE = RANGE_COLUMN_VALUE[1:0];
 

@@ -153,7 +153,7 @@ module check_registers #(
     if (!rst_ni)
       word_q <= one == 8'h03 ? 16'h0001 : one == 8'h04 ? `DERMIS_SETTLE_CLOCKS : one == 8'h05 ? `DERMIS_GATE_CLOCKS
               : one == 8'h06 ? 16'd2 : one == 8'h0B ? 16'h4000 : one == 8'h0D ? (FULL + 31) / 32
-              : one == 8'h0E ? FULL * 23 / 32
+              : one == 8'h0E ? FULL * 18 / 25
               : one[7:3] == 5'h04 ? bits : one[7:4] == 4'h5 ? (16'hAAAA & bits) : 16'h0000;
     else if (valid_i && write_i && address_i == one) word_q <= wdata_i & bits;
 

@@ -229,5 +229,5 @@ def reset_values(parameters: Mapping[str, int]) -> dict[str, int]:
         "SETTLE": parameters["SETTLE_CLOCKS"],
         "GATE": parameters["GATE_CLOCKS"],
         "DARK_MAX": -(-full // 32),
-        "FULL_MIN": int(0.71875 * full),
+        "FULL_MIN": full * 18 // 25,
     }
