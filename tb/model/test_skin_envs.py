@@ -38,7 +38,7 @@ def test_every_sheet_is_the_plain_skin_of_its_seed(world: str) -> None:
     many = Skin(made, envs=ENVS, seed=11)
     force = touches(30, ENVS, 5, 7)
     codes = np.concatenate([many.read(force[:20]), many.read(force[20], 0.05)[None]])
-    plain = [Skin(made, seed=11 + e) for e in range(ENVS)]
+    plain = [Skin(made, seed=np.int64(11 + e)) for e in range(ENVS)]
     assert len(np.unique(codes)) > 50
     for e, one in enumerate(plain):
         assert np.array_equal(one.read(force[:20, e]), codes[:20, e])

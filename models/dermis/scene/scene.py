@@ -178,8 +178,8 @@ def changed(
     effects: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
     """Return tables with a caller's changes; InputError for a key that holds None."""
-    for table in (schema.plain(tables or {}), {"run": run}, {"effects": schema.plain(effects or {})}):
-        data = schema.merged(data, table)
+    for table in (tables or {}, {"run": run}, {"effects": effects or {}}):
+        data = schema.merged(data, schema.plain(table))
     if none := schema.empty(data):
         raise InputError(path, none, "None", "a value; leave the key out for its default")
     return data
