@@ -87,7 +87,7 @@ class Calibration:
     offset_v2 : [3, cols] covariance of the columns' offset voltages in V^2, given the resistances: of each with itself,
         with the next column and with the one after.
     falling : the codes that come from the board fall with current: `rising` turns them round.
-    divider : r_column_ohm is a divider's resistor, which sets step_a as well; no fit changes it.
+    divider : r_column_ohm is a divider's resistor, which sets step_a as well.
     """
 
     rows: int
@@ -169,6 +169,11 @@ class Calibration:
         """Return the network around the taxels, or the one that is off by a mode."""
         values = self.network if mode is None else self.network | mode.network
         return Network(np.zeros((self.rows, self.cols)), self.v_bias_v, **values)
+
+    def current_part(self, network: Network) -> Floats:
+        """Return the currents [cols] of readings in a network over those by step_a: a divider's resistor sets both."""
+        own = self.array().r_column_ohm if self.divider else network.r_column_ohm
+        return np.divide(own, network.r_column_ohm, out=np.ones(self.cols), where=own != network.r_column_ohm)
 
     def law_of(self, row: int, col: int) -> Curve:
         """Return the law of a taxel."""

@@ -607,7 +607,8 @@ class Decoder(Threaded):
         currents, most = np.empty((2, *codes.shape))
         for n, frame in enumerate(codes):
             currents_of(self._known, frame, currents[n], down, up, most[n])
-        found = crosstalk.solve(network, currents, most, self.calibration.divider)
+        part = self.calibration.current_part(network)
+        found = crosstalk.solve(network, currents * part, most * part, self.calibration.divider)
         g = np.where(found.converged[:, None, None], found.conductance_s, np.nan)
         return np.stack([g, found.current_a], axis=1)
 

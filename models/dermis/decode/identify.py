@@ -31,6 +31,8 @@ NETWORK_PRIOR = 100.0
 value beyond any sheet."""
 OFFSET_PRIOR_V = 5e-4
 """Standard deviation of the offset voltage of a column before loads are read; the design allows 0.2 mV."""
+RESISTOR_PRIOR = 0.01
+"""The same of the logarithm of a divider's resistor. Loads whose readings show more tell it all the same."""
 TRACES = ("r_trace_row_ohm", "r_trace_column_ohm")
 """Parameters that stay at their known value unless the loads show them: decoding with traces is slower."""
 SHOWN = 3.0
@@ -57,6 +59,10 @@ RESIDUAL_MIN = 1 / np.sqrt(12) / 50
 """Relative rms residual that every load may have: rounding of a reading of 50 codes."""
 CONDUCTANCES_S = 1e-9, crosstalk.SHORT_S
 """Conductances that a taxel may have."""
+PAIRS = 4
+"""Pairs of opposite random errors by which the pull of rounding and noise on the network is found."""
+PULLED = 2.0
+"""Standard uncertainties up to which the pull is proportional to the error, and is taken out."""
 HALVINGS = 60
 """From a network in which the readings are impossible back to the fit."""
 CURRENTS_OFF = 0.03
@@ -235,14 +241,20 @@ def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, 
 
 def _conductances(calibration: Calibration, network: Network, currents: Floats) -> Floats:
     """Return the conductances [frames, rows, cols] of currents in a network; dividers may need the slow solve."""
-    return crosstalk.solve(network, currents, None, calibration.divider).conductance_s
+    part = calibration.current_part(network)
+    return crosstalk.solve(network, currents * part, None, calibration.divider).conductance_s
 
 
 def _fit_network(
-    calibration: Calibration, currents: Floats, residual_of: Callable[[Floats], Floats], freedom: int
+    calibration: Calibration,
+    currents: Floats,
+    error_code2: Floats,
+    residual_of: Callable[[Floats], Floats],
+    freedom: int,
 ) -> tuple[Network, dict[str, tuple[float, float]], dict[str, str], list[dict[str, Any]], Floats]:
     """Fit the network to currents [loads, rows, cols]; `residual_of` rates conductances, in codes.
 
+    `error_code2` is the variance of a reading in codes, as `currents`, 0 where nothing is read.
     Returns the network, values with standard uncertainties, remarks on values that the loads do not tell, independent
     errors of one standard uncertainty, and `Calibration.offset_v2`.
     """
@@ -254,19 +266,27 @@ def _fit_network(
         if "r_row_driven_ohm" in values and np.isfinite(known.r_row_grounded_ohm):
             values["r_row_grounded_ohm"] = values["r_row_driven_ohm"]
         if x.size > len(names):
-            values["v_column_offset_v"] = known.v_column_offset_v + (x[len(names) :] - 1) * OFFSET_PRIOR_V
+            own = x[len(names) :] - 1
+            if calibration.divider:
+                # Voltages do not tell ohms: with all resistances twice as large they are the same.
+                values["r_column_ohm"] = known.r_column_ohm * np.exp(RESISTOR_PRIOR * (own - own.mean()))
+            else:
+                values["v_column_offset_v"] = known.v_column_offset_v + OFFSET_PRIOR_V * own
         return values
 
+    def residual_at(names: list[str], x: Floats, moved_a: Floats | float = 0.0) -> Floats:
+        network = dataclasses.replace(known, **fields(names, x))
+        return residual_of(_conductances(calibration, network, currents + moved_a))
+
     def search(names: list[str], first: Floats) -> tuple[Floats, Floats, float]:
-        """Return parameters, their Jacobian and the variance of a residual; parameters after `names` are offsets.
+        """Return parameters, their Jacobian and the variance of a residual; those after `names` are the columns' own.
 
         The last rows of the Jacobian are those of what is known before, one a parameter.
         """
         prior = np.where(np.arange(first.size) < len(names), NETWORK_PRIOR, 1.0)
 
         def residual(x: Floats) -> Floats:
-            network = dataclasses.replace(known, **fields(names, x))
-            return np.r_[residual_of(_conductances(calibration, network, currents)), (x - 1) / prior]
+            return np.r_[residual_at(names, x), (x - 1) / prior]
 
         # x - 1 is relative to the start value, so that a step of differences is never 0.
         low = np.where(np.arange(first.size) < len(names), 1.0, -199.0)
@@ -274,17 +294,17 @@ def _fit_network(
         spread = max(float(found.fun @ found.fun) / max(freedom - len(names), 1), 1e-12)
         return found.x, found.jac, spread
 
-    # Offsets and resistances first: traces, which are slow, are looked for with the offsets held.
-    # Columns of dividers have a known resistor and no offset; its tolerance would pass for a trace.
+    # What is a column's own is its offset, or a divider's resistor, whose tolerance would pass for a trace. It and the
+    # resistances come first: traces, which are slow, are looked for with it held.
     held_by_board = ("r_column_ohm", *TRACES) if calibration.divider else ()
     every = [n for n in NETWORK_START if n not in held_by_board]
     plain = [n for n in every if n not in TRACES]
-    # Without offsets at first: a search for all at once may end beside the least residual.
+    # Without them at first: a search for all at once may end beside the least residual.
     x, _, _ = search(plain, np.full(len(plain), 2.0))
-    x, _, _ = search(plain, np.r_[x, np.ones(0 if calibration.divider else cols)])
-    offsets = x[len(plain) :]
+    x, _, _ = search(plain, np.r_[x, np.ones(cols)])
+    own = x[len(plain) :]
     known_before = known
-    known = dataclasses.replace(known, **fields([], offsets))
+    known = dataclasses.replace(known, **fields([], own))
     names, remarks, values = list(every), {}, {}
     first = dict(zip(plain, x, strict=False)) | dict.fromkeys(TRACES, 1.1)
     while True:
@@ -318,15 +338,33 @@ def _fit_network(
         remarks[weakest] = f"held at {held:g}: " + remarks.get(weakest, "the loads do not show it")
         values[weakest] = (held, values[weakest][1])
     known = known_before
-    x, jac, spread = search(names, np.r_[[first[n] for n in names], offsets])
+    x, jac, spread = search(names, np.r_[[first[n] for n in names], own])
     size = len(names)
     # Blind parameters, as above, have no mode.
     blind = np.linalg.norm(jac[: -x.size, :size], axis=0) < 1e-3
     jac[:, :size][:, blind] = 0.0
-    covariance = np.linalg.pinv(jac.T @ jac) * max(spread, 1.0)
+    inverse = np.linalg.pinv(jac.T @ jac)
+    covariance = inverse * max(spread, 1.0)
+
+    def score(moved_a: Floats) -> Floats:
+        """Return the derivatives of half the sum of squares by the shared parameters, with currents moved."""
+        off, step = residual_at(names, x, moved_a), 1e-4 * x[:size]
+        moved = x + np.eye(size, x.size) * step[:, np.newaxis]
+        return np.array([(residual_at(names, one, moved_a) - off) @ off for one in moved]) / step
+
+    error_a = calibration.step_a * np.sqrt(np.minimum(spread / 12.0, error_code2))
+    pulled, variance = inverse[:, :size] @ _pull(score, error_a), np.diag(covariance)
+    if far := [n for n, d, v in zip(names, pulled, variance, strict=False) if d**2 > PULLED**2 * v]:
+        remarks |= dict.fromkeys(far, "is less certain than that: rounding and noise of these loads hide it")
+    else:
+        x = x + pulled
+        x[:size] = np.maximum(x[:size], 1.0)
+    # The mean of a divider's resistors is not known, only how they differ.
+    scale = calibration.divider * RESISTOR_PRIOR * max(1.0, float(np.std(x[size:]))) / np.sqrt(cols)
     for k, name in enumerate(names):
         start = NETWORK_START[name]
-        values[name] = ((x[k] - 1) * start, np.inf if blind[k] else float(np.sqrt(covariance[k, k])) * start)
+        value, sigma_x = (x[k] - 1) * start, np.inf if blind[k] else float(np.sqrt(covariance[k, k]))
+        values[name] = value, float(np.hypot(sigma_x * start, scale * value))
     shared, mixed = covariance[:size, :size], covariance[size:, :size]
     variance, direction = np.linalg.eigh(shared)
     given = mixed @ np.linalg.pinv(shared)
@@ -336,11 +374,27 @@ def _fit_network(
             # The sign that moves the largest part upwards: resistances are not negative.
             d = d * np.sign(d[np.abs(d).argmax()]) * np.sqrt(v)
             modes.append(fields(names, np.r_[np.maximum(x[:size] + d, 1.0), x[size:] + given @ d]))
-    left = (covariance[size:, size:] - given @ mixed.T) * OFFSET_PRIOR_V**2
-    band = np.zeros((3, cols))
-    for k in range(min(3, len(left))):
-        band[k, : cols - k] = np.diag(left, k)
+    left, band = covariance[size:, size:] - given @ mixed.T, np.zeros((3, cols))
+    if calibration.divider:
+        # A resistor moves the taxels of its own column alone: one mode has the independent errors of all, but for what
+        # they have in common. It has two signs, as `fields` takes out their mean.
+        alike = left.mean(axis=0)
+        error2 = np.maximum(np.diag(left) - 2 * alike + alike.mean(), 0.0)
+        modes.append(fields(names, np.r_[x[:size], x[size:] + np.sqrt(error2) * (-1.0) ** np.arange(cols)]))
+    for k in range(0 if calibration.divider else min(3, cols)):
+        band[k, : cols - k] = np.diag(left, k) * OFFSET_PRIOR_V**2
     return dataclasses.replace(known, **fields(names, x)), values, remarks, modes, band
+
+
+def _pull(score: Callable[[Floats], Floats], error_a: Floats) -> Floats:
+    """Return by how much errors of currents move the mean of a score, which is 0 at the least sum of squares.
+
+    A reading's own error is in the current that droops its row, too: least squares pull the resistances down. Errors of
+    standard deviations `error_a` on top of those of the readings show by how much: opposite ones cancel but for that.
+    """
+    rng, none = np.random.default_rng(0), score(np.zeros_like(error_a))
+    moved_a = error_a * rng.standard_normal((PAIRS, *error_a.shape))
+    return np.mean([0.5 * (score(one) + score(-one)) for one in moved_a], axis=0) - none
 
 
 def _fit_loads(
@@ -381,7 +435,10 @@ def _fit_loads(
         return r - basis @ (basis.T @ r)
 
     freedom = int(used.sum()) - basis.shape[1]
-    network, values, remarks, off_networks, offset_v2 = _fit_network(calibration, currents, residual, freedom)
+    frames = np.array([len(load.codes) for load in loads])[:, np.newaxis, np.newaxis]
+    error_code2 = (codes > 0) * (1 / 12 + calibration.noise_code**2 / frames)
+    fitted = _fit_network(calibration, currents, error_code2, residual, freedom)
+    network, values, remarks, off_networks, offset_v2 = fitted
 
     def taxels(network: Network) -> tuple[Floats, Floats, Floats]:
         """Return conductances, effects of taxels and factors [rows x cols] with a network."""
@@ -431,6 +488,7 @@ def _fit_loads(
     found = (*NETWORK_START, "r_row_grounded_ohm", "v_column_offset_v")
     made = dataclasses.replace(
         calibration,
+        step_a=calibration.step_a * calibration.current_part(network),
         network=calibration.network | {n: getattr(network, n) for n in found},
         modes=tuple(modes),
         offset_v2=offset_v2,
