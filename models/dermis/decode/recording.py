@@ -219,15 +219,23 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
 def _unit_of(item: Any) -> str:
     """Return the unit that a data set of HDF5 states, or nothing."""
     attributes = getattr(item, "attrs", {})
-    unit = attributes.get("units", attributes.get("unit", ""))
-    return unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
+    return _words(attributes.get("units", attributes.get("unit", "")))
+
+
+def _words(attribute: Any) -> str:
+    return attribute.decode(errors="replace") if isinstance(attribute, bytes) else str(attribute)
 
 
 def _physical(item: Any) -> Any:
     """Return the numbers of a data set; of HDF5 by the attributes that netCDF has for packed numbers."""
-    told = {n: np.ravel(v) for n, v in getattr(item, "attrs", {}).items() if n in _PACKED}
+    values, attributes = np.asarray(item), getattr(item, "attrs", {})
+    told = {n: np.ravel(v) for n, v in attributes.items() if n in _PACKED}
     told = {n: v if v.dtype.kind in "iuf" else v.astype(float) for n, v in told.items()}
-    values = np.asarray(item)
+    if (
+        values.dtype.kind == "i" and _words(attributes.get("_Unsigned", "")) == "true"
+    ):  # netCDF 3 had no other numbers
+        values = values.view(values.dtype.str.replace("i", "u"))
+        told = {n: v.astype(values.dtype) if v.dtype.kind == "i" else v for n, v in told.items()}
     if not told or values.dtype.kind not in "biuf":
         return values
     ends = told.get("valid_range", [*told.get("valid_min", [-np.inf]), *told.get("valid_max", [np.inf])])
@@ -314,7 +322,12 @@ def _shaped(path: Path, found: Found, layout: Layout) -> Floats:
             allowed = f"[frames, {layout.rows}, {layout.cols}], or other --rows, --cols or --axes"
             raise InputError(path, "shape", list(values.shape), allowed)
         return values.reshape(-1, *shape)
-    return _split(path, values, layout, by_line, list(found.values.shape))
+    made = _split(path, values, layout, by_line, list(found.values.shape))
+    flat = layout.axes is None and len(made) == len(values) and min(made.shape[1:]) > 1
+    if path.suffix.lower() == ".mat" and flat:
+        allowed = "--axes frames,cols,rows if (:) made the frames, column after column; frames,taxels if row after row"
+        raise InputError(path, "shape", list(found.values.shape), allowed)
+    return made
 
 
 def _by_axes(path: Path, values: Floats, axes: tuple[str | int, ...], layout: Layout) -> Floats:

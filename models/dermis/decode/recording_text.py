@@ -165,7 +165,8 @@ class Found:
 
     def scale(self, unit: str) -> bool:
         """Turn values into kPa, N or ohm by their unit; return False for one that is not known, which leaves them."""
-        unit = re.sub(r'[\s^,;"]', "", unit).lower().replace("²", "2")
+        unit = re.sub(r'[\s^,;"]', "", unit).replace("²", "2")
+        unit = unit if unit == "MN" else unit.lower()  # mega is no milli
         for name, known in FACTORS.items():
             if unit in known:
                 self.values, self.unit, self.factor = self.values * known[unit], name, known[unit]
@@ -735,12 +736,11 @@ class Table:
         comma = comma or any(map(_COMMA.fullmatch, shown))
         if comma and (points or any("." in self._cells(line)[k] for _, line in self.lines for k in columns)):
             raise self._ask("numbers", "decimal commas and points", "one of them; thousands without a mark")
-        if comma:
-            self._refuse_thousands(table, columns)
+        self._refuse_thousands(table, columns, "," if comma else ".")
         return table, moments
 
-    def _refuse_thousands(self, table: Floats, columns: Sequence[int]) -> None:
-        """Refuse numbers that may have a mark of thousands: 1,234 beside 985."""
+    def _refuse_thousands(self, table: Floats, columns: Sequence[int], mark: str) -> None:
+        """Refuse numbers whose decimal mark may be one of thousands: 1,234 beside 985."""
         size = np.abs(table[np.isfinite(table)])
         broken = size % 1 != 0
         part, whole = 1e3 * size[broken], size[~broken]
@@ -750,10 +750,14 @@ class Table:
         if not 0 < whole.max(initial=0.0) < 1000:
             return
         cells = [self._cells(line)[k] for _, line in self.lines for k in columns]
-        marked = [cell for cell in cells if "," in cell]
+        marked = [cell for cell in cells if mark in cell]
         plain = any(re.fullmatch(r"[-+]?[1-9]\d{0,2}", cell) for cell in cells)
-        if marked and plain and all(re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", cell) for cell in marked):
-            raise self._ask("numbers", quoted(marked[0]), "no mark of thousands; a decimal as 1,2340")
+        if (
+            marked
+            and plain
+            and all(re.fullmatch(rf"[-+]?[1-9]\d{{0,2}}\{mark}\d{{3}}", cell) for cell in marked)
+        ):
+            raise self._ask("numbers", quoted(marked[0]), f"no mark of thousands; a decimal as 1{mark}2340")
 
     def _numbers(self, cells: Sequence[str], columns: Sequence[int], where: str) -> list[float]:
         found = []

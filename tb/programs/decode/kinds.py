@@ -228,6 +228,10 @@ def mat(path: Path) -> None:
     scipy.io.savemat(path, {"P": np.moveaxis(FRAMES, 0, 2), "t": TIME, "fs": 50.0}, do_compression=True)
 
 
+def flat_mat(path: Path) -> None:
+    scipy.io.savemat(path, {"P": FRAMES.transpose(0, 2, 1).reshape(COUNT, -1), "t": TIME})
+
+
 def mat73(path: Path) -> None:
     # MATLAB 7.3 is HDF5 behind 512 bytes of its own; arrays have their axes reversed.
     with h5py.File(path, "w", userblock_size=512) as file:
@@ -254,6 +258,14 @@ def netcdf(path: Path) -> None:
         file["p"].attrs.update(
             scale_factor=np.float32(0.01), add_offset=np.float32(-1.0), valid_max=np.int16(19_999)
         )
+
+
+def unsigned(path: Path) -> None:
+    """Write bytes with the attribute by which netCDF says that they have no sign, the first one missing."""
+    with h5py.File(path, "w") as file:
+        file["p"], file["time_ms"] = np.round(FRAMES * 2.5).astype(np.uint8).view(np.int8), 1e3 * TIME
+        file["p"][0, 0, 0] = -1
+        file["p"].attrs.update({"_Unsigned": "true", "_FillValue": np.int8(-1), "scale_factor": 0.4})
 
 
 def parquet(made: dict[str, Any], options: dict[str, Any] | None = None, **told: Any) -> Case:
@@ -454,7 +466,8 @@ OWN_TIMES += "".join(
     for r, row in enumerate(f)
 )
 THOUSANDS = table(flat).splitlines()[0] + ('\n"1,234"' + ",985" * (ROWS * COLS - 1)) * COUNT + "\n"
-PACKED = np.round(FRAMES)
+PACKED, NO_SIGN = np.round(FRAMES), np.round(FRAMES * 2.5) * 0.4
+NO_SIGN[0, 0, 0] = np.nan
 PACKED[3, 0, 5], PACKED[4, 0, 5] = np.nan, 0.0
 CUT = FRAMES.copy()
 CUT[-1, -1, -1] //= 1
@@ -520,11 +533,15 @@ CASES: dict[str, Case] = {
         flat, {"time_s": seconds()}, options=SIZE | {"rate_hz": 100.0}, time_s=TIME / 2, says="overrules"
     ),
     "a mark of thousands": Case(THOUSANDS, SIZE | RATE, asks="thousands"),
+    "a point that marks thousands": Case(
+        THOUSANDS.replace('"1,234"', "1.234"), SIZE | RATE, asks="thousands"
+    ),
     "cut in its last number": Case(CUT_TEXT, SIZE | RATE, CUT, says="cut off"),
     "words at the end": Case(table(flat) + "Stopped by user\n", SIZE | RATE, asks="line 22"),
     "-1 for a missing value": Case(gap("-1"), SIZE | {"missing": -1.0}, without((3, 0, 5))),
     "packed numbers of HDF5": Case(packed, values=without((0, 0, 0)), file="a.h5"),
     "whole numbers of netCDF": Case(netcdf, values=PACKED, file="a.h5"),
+    "bytes of netCDF without a sign": Case(unsigned, values=NO_SIGN, file="a.h5"),
     "HDF5, a time in two units": Case(
         lambda path: packed(path, "s"), asks="--time-unit ms or s", file="a.h5"
     ),
@@ -603,7 +620,7 @@ CASES: dict[str, Case] = {
     "names from one": by_time(lambda r, c: f"row{r + 1}_col{c + 1}", "descending"),
     **{
         f"a name in {unit}": by_time(lambda r, c, u=unit: f"r{r}c{c} [{u}]", says="no unit")
-        for unit in ("0.01 N", "ozf", "%")
+        for unit in ("0.01 N", "ozf", "%", "MN")
     },
     "names with brackets": by_time(lambda r, c: f"s[{r}][{c}]", "columns"),
     "numbers as names": csv(lambda r, c: flat(r, c, "")),
@@ -701,6 +718,8 @@ CASES: dict[str, Case] = {
     "npz, with its unit": npz(NAMED | {"unit": "mN"}, SIZE, **NEWTONS),
     "npy, 256 columns": npy(WIDE.reshape(5, -1), WIDE_SIZE, values=WIDE, time_s=TIME[:5]),
     "MATLAB 5": Case(mat, file="a.mat"),
+    "MATLAB, frames in one row": Case(flat_mat, SIZE, asks="--axes frames,cols,rows", file="a.mat"),
+    "MATLAB, frames by (:)": Case(flat_mat, SIZE | {"axes": ("frames", "cols", "rows")}, file="a.mat"),
     "MATLAB 7.3": Case(mat73, file="a.mat"),
     # Parquet.
     "Parquet": parquet({"time_ms": TIME * 1e3, **columns(lambda r, c: f"r{r}c{c}", "columns")}),

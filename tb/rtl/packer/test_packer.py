@@ -14,7 +14,7 @@ from dermis.chip import spi_protocol as spi
 pytestmark = pytest.mark.timeout(120)
 
 DARK, FULL_EVEN = 0xF1, 0xF2
-SIZES = [(9, 8), (1, 1), (16, 16), (5, 10)]
+SIZES = [(9, 8), (1, 1), (128, 16), (5, 10)]
 
 Row = dict[str, Any]
 
