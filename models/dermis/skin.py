@@ -276,10 +276,10 @@ class Skin(Threaded):
         kinds = [(c.code_max, c.falling, c.divider) for c in (true, known)]
         self._other_read_out = kinds[0] != kinds[1]
         open_rows = [np.isinf(c.network.get("r_row_grounded_ohm", 0.0)) for c in (true, known)]
-        # Another resistor, reference or supply; test currents move a step by some per cent, and a divider's own
-        # resistor may be anywhere in its tolerance.
+        # A single divider may be anywhere in its tolerance.
         steps = [np.exp([np.log(c.step_a).mean()]) if c.divider else c.step_a for c in (true, known)]
         boards = [(way, *a, c.v_bias_v) for way, a, c in zip(open_rows, steps, (true, known), strict=True)]
+        # Another resistor, reference or supply; test currents move a step by some per cent.
         other = self._other_read_out or not np.allclose(*boards, rtol=0.1, atol=0)
         if other and self.plan.front_end is not None:
             allowed = "a calibration of the board in [front_end] of the scene, or a scene without it"

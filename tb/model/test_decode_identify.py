@@ -237,9 +237,8 @@ def test_the_network_is_that_of_the_least_residual() -> None:
     parts = session.rectangles(rng, rng.choice([2.0, 5.0, 8.0, 12.0], 4), SIZE, SIZE)
     force = np.concatenate([plates, parts])
     fit = identify.fit_sheet(known, weights(force, sheet.read(force)), "linear")
-    # Without the cure it is 0, three standard uncertainties away.
     value, sigma = fit.values["g_lateral_row_s"]
-    assert value == fit.calibration.network["g_lateral_row_s"]
+    # Without the cure it is 0, three standard uncertainties away.
     assert abs(value - 1 / lateral) < 2 * sigma < 0.8 / lateral
     assert fit.remarks["g_lateral_row_s"] == identify.PLATES
 
