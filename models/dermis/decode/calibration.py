@@ -172,8 +172,7 @@ class Calibration:
 
     def current_part(self, network: Network) -> Floats:
         """Return the currents [cols] of readings in a network over those by step_a: a divider's resistor sets both."""
-        own = self.array().r_column_ohm if self.divider else network.r_column_ohm
-        return np.divide(own, network.r_column_ohm, out=np.ones(self.cols), where=own != network.r_column_ohm)
+        return self.array().r_column_ohm / network.r_column_ohm if self.divider else np.ones(self.cols)
 
     def law_of(self, row: int, col: int) -> Curve:
         """Return the law of a taxel."""

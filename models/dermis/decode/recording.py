@@ -231,9 +231,8 @@ def _physical(item: Any) -> Any:
     values, attributes = np.asarray(item), getattr(item, "attrs", {})
     told = {n: np.ravel(v) for n, v in attributes.items() if n in _PACKED}
     told = {n: v if v.dtype.kind in "iuf" else v.astype(float) for n, v in told.items()}
-    if (
-        values.dtype.kind == "i" and _words(attributes.get("_Unsigned", "")) == "true"
-    ):  # netCDF 3 had no other numbers
+    # netCDF 3 had no other bytes.
+    if values.dtype.kind == "i" and _words(attributes.get("_Unsigned", "")) == "true":
         values = values.view(values.dtype.str.replace("i", "u"))
         told = {n: v.astype(values.dtype) if v.dtype.kind == "i" else v for n, v in told.items()}
     if not told or values.dtype.kind not in "biuf":

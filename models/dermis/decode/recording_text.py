@@ -741,6 +741,10 @@ class Table:
 
     def _refuse_thousands(self, table: Floats, columns: Sequence[int], mark: str) -> None:
         """Refuse numbers whose decimal mark may be one of thousands: 1,234 beside 985."""
+        form = rf"[-+]?[1-9]\d{{0,2}}\{mark}\d{{3}}"
+        shown = (row[k] for row in self.sample for k in columns)
+        if any(mark in cell and not re.fullmatch(form, cell) for cell in shown):
+            return
         size = np.abs(table[np.isfinite(table)])
         broken = size % 1 != 0
         part, whole = 1e3 * size[broken], size[~broken]
@@ -752,11 +756,7 @@ class Table:
         cells = [self._cells(line)[k] for _, line in self.lines for k in columns]
         marked = [cell for cell in cells if mark in cell]
         plain = any(re.fullmatch(r"[-+]?[1-9]\d{0,2}", cell) for cell in cells)
-        if (
-            marked
-            and plain
-            and all(re.fullmatch(rf"[-+]?[1-9]\d{{0,2}}\{mark}\d{{3}}", cell) for cell in marked)
-        ):
+        if marked and plain and all(re.fullmatch(form, cell) for cell in marked):
             raise self._ask("numbers", quoted(marked[0]), f"no mark of thousands; a decimal as 1{mark}2340")
 
     def _numbers(self, cells: Sequence[str], columns: Sequence[int], where: str) -> list[float]:
