@@ -201,7 +201,9 @@ def _outcome(text: str, seconds: float, work: Path) -> Outcome:
     status = done[-1][0] if done else "TIMEOUT"
     failed = tuple(dict.fromkeys(label.split(".")[-1] for label in _FAILED.findall(text)))
     note = ""
-    if status not in ("PASS", "FAIL"):
+    if status == "UNKNOWN":
+        note = "the induction fails, and no counterexample is near enough to be found"
+    elif status not in ("PASS", "FAIL"):
         said = [line for line in text.splitlines() if "ERROR" in line or "timeout" in line.lower()]
         note = re.sub(r"^SBY \S+ \[\S+\] ", "", (said or text.strip().splitlines() or ["no output"])[-1])
     return Outcome(status, failed, seconds, work, note, len(set(_COVERED.findall(text))))
