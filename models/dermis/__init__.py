@@ -4,8 +4,8 @@
 `simulate` runs a scene or an array of forces through the chip, `newtons` turns codes back into
 forces, `Skin` does both in compiled loops for a robot simulator, `RowsOfInterest` chooses the rows of
 a host's next frame, `scene_names` lists the scenes that come with the package, and `warm_up`
-compiles ahead. Errors are
-`InputError` and `SimulatorError`; both are a `DermisError`.
+compiles ahead. Errors of scenes, files and runs are `InputError` and `SimulatorError`, both a
+`DermisError`; frames of a wrong shape, kind or range are a `ValueError` of `Skin`.
 """
 
 from __future__ import annotations
