@@ -381,8 +381,9 @@ def _fit_network(
         alike = left.mean(axis=0)
         error2 = np.maximum(np.diag(left) - 2 * alike + alike.mean(), 0.0)
         modes.append(fields(names, np.r_[x[:size], x[size:] + np.sqrt(error2) * (-1.0) ** np.arange(cols)]))
-    for k in range(0 if calibration.divider else min(3, cols)):
-        band[k, : cols - k] = np.diag(left, k) * OFFSET_PRIOR_V**2
+    else:
+        for k in range(min(3, cols)):
+            band[k, : cols - k] = np.diag(left, k) * OFFSET_PRIOR_V**2
     return dataclasses.replace(known, **fields(names, x)), values, remarks, modes, band
 
 

@@ -166,7 +166,7 @@ class Found:
     def scale(self, unit: str) -> bool:
         """Turn values into kPa, N or ohm by their unit; return False for one that is not known, which leaves them."""
         unit = re.sub(r'[\s^,;"]', "", unit).replace("²", "2")
-        unit = unit if unit == "MN" else unit.lower()  # mega is no milli
+        unit = unit if unit in ("MN", "mPa") else unit.lower()  # mega is no milli
         for name, known in FACTORS.items():
             if unit in known:
                 self.values, self.unit, self.factor = self.values * known[unit], name, known[unit]

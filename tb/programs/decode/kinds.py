@@ -620,7 +620,7 @@ CASES: dict[str, Case] = {
     "names from one": by_time(lambda r, c: f"row{r + 1}_col{c + 1}", "descending"),
     **{
         f"a name in {unit}": by_time(lambda r, c, u=unit: f"r{r}c{c} [{u}]", says="no unit")
-        for unit in ("0.01 N", "ozf", "%", "MN")
+        for unit in ("0.01 N", "ozf", "%", "MN", "mPa")
     },
     "names with brackets": by_time(lambda r, c: f"s[{r}][{c}]", "columns"),
     "numbers as names": csv(lambda r, c: flat(r, c, "")),
