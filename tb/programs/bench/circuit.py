@@ -245,11 +245,15 @@ async def _frame(dut: Any, job: Job, where: Path) -> Frame:
         return halves[-1][0]
 
     samples = 2 * job.cols if job.keep else 0
-    chip = bridge.Bridge(dut, job.timing, job.cols, trace=job.keep or job.alone, samples=samples)
+    chip = bridge.Bridge(dut, job.timing, job.cols, trace=job.keep, samples=samples)
     codes = await chip.run(1, make_half)
-    [(half, levels)] = halves
     charge = chip.trace.charge[chip.trace.begins[0] :] if chip.trace is not None else []
-    alone_s = _alone_s(job, chip.trace, levels, make_half) if job.alone else math.nan
+    alone_s = math.nan
+    if job.alone:  # the edges are kept in a second frame, for that takes time as well
+        again = bridge.Bridge(dut, job.timing, job.cols, trace=True)
+        await again.run(1, make_half)
+        alone_s = _alone_s(job, again.trace, halves[1][1], make_half)
+    half = halves[0][0]
     return Frame(codes, half.seconds, half.cpu_seconds, alone_s, charge, *chip.samples)
 
 
