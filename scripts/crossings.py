@@ -74,6 +74,14 @@ class Netlist:
         inputs = {name: p["bits"] for name, p in self.top["ports"].items() if p["direction"] == "input"}
         self.pins = {bit: name for name, bits in inputs.items() for bit in bits}
 
+    def name(self, bit: Any) -> str:
+        """Return the name of a net; of one without a name, the gate that drives it."""
+        return self.names.get(bit) or self.driver(bit)
+
+    def driver(self, bit: Any) -> str:
+        """Return the type of the cell that drives a net."""
+        return self.drivers[bit]["type"] if bit in self.drivers else f"the constant {bit}"
+
     def sources(self, bit: Any, seen: set[Any] | None = None) -> Iterator[Source]:
         """Yield what a net comes from through gates."""
         seen = set() if seen is None else seen
@@ -83,7 +91,9 @@ class Netlist:
         if bit in self.pins:
             yield "pin", bit, None
             return
-        cell = self.drivers[bit]
+        cell = self.drivers.get(bit)
+        if cell is None:  # nothing drives it, as the linters say
+            return
         kind = cell["type"]
         if kind.startswith(FLOPS):
             yield "flop", bit, cell
@@ -98,14 +108,14 @@ class Netlist:
 
     def clock(self, bit: int) -> str:
         """Return what a clock comes from: one pin, unless something gates it."""
-        found = {self.pins.get(at) or self.names[at] for kind, at, _ in self.sources(bit) if kind != "sync"}
+        found = {self.pins.get(at) or self.name(at) for kind, at, _ in self.sources(bit) if kind != "sync"}
         return " ".join(sorted(found))
 
     def place(self, kind: str, bit: int, cell: Mapping[str, Any] | None) -> Place:
         if kind == "pin":
             return self.pins[bit], self.rules["pins"].get(self.pins[bit], "")
         clock = next(cell["connections"][pin][0] for pin in CLOCKS if pin in cell["connections"])
-        return "memory" if kind == "memory" else self.names[bit], self.clock(clock)
+        return "memory" if kind == "memory" else self.name(bit), self.clock(clock)
 
     def resets(self, cell: Mapping[str, Any] | None) -> set[str]:
         """Return the pins that reset a flop at any time; but for that of the whole chip."""
@@ -115,7 +125,7 @@ class Netlist:
 
     @cached_property
     def paths(self) -> list[tuple[str, Place, Place]]:
-        """Every kind (data, reset or synchronizer), source and target."""
+        """Every kind (data, a reset, or what is wrong with it or with a synchronizer), source and target."""
         found = []
         for cell in self.top["cells"].values():
             kind, pins = cell["type"], cell["connections"]
@@ -130,10 +140,14 @@ class Netlist:
                 data, resets = [], [pins["rst_ni"][0]]
                 # It takes a flop or a pin, for what a gate makes of two edges is a third one.
                 taken = pins["d_i"][0] if kind == SYNC else None
-                if taken and taken not in self.pins and not self.drivers[taken]["type"].startswith(FLOPS):
-                    found.append(("gates before", (self.names[taken], ""), target))
+                if taken and taken not in self.pins and not self.driver(taken).startswith(FLOPS):
+                    found.append(("gates before", (self.name(taken), ""), target))
             else:
                 continue
+            # Every reset of the core is low; a constant never is, or always.
+            for bit in resets:
+                if not isinstance(bit, int) or (kind.startswith("$_DFF_") and kind[-3] != "N"):
+                    found.append(("not reset", (self.name(bit), ""), target))
             for what, bits in (("data", data), ("reset", resets)):
                 for source in (source for bit in bits for source in self.sources(bit)):
                     through = what == "data" or (source[2] or {}).get("type") == RESET
@@ -149,7 +163,7 @@ class Netlist:
         found = {
             f"{what}: {source} ({before or 'any time'}) -> {target} ({after})"
             for what, (source, before), (target, after) in self.paths
-            if what in ("raw reset", "gates before") or before != after
+            if what in ("raw reset", "gates before", "not reset") or before != after
         }
         allowed = [
             f"{rule['what']}: (?:{rule['from']}) \\(.*\\) -> (?:{rule['to']}) \\(.*\\)"

@@ -6,6 +6,7 @@ change. The SVG has searchable text; that of xschem itself has letters as stroke
 and lines without width.
 """
 
+import math
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -208,9 +209,13 @@ def bits(name: str) -> list[str]:
 
 
 def parse(text: str, source: Path) -> dict[str, Subckt]:
-    """Return the subcircuits of a netlist by name; InputError for a name that is there twice, or another statement."""
+    """Return the subcircuits of a netlist by name.
+
+    InputError for a name that is there twice, one without its end, or another statement.
+    """
     found: dict[str, Subckt] = {}
     here: Subckt | None = None
+    name = ""
     text = re.sub(r"\[(\d+)\]", r"\1", text.lower())
     lines = [line for line in text.splitlines() if line.strip() and line[0] != "*"]
     for line in "\n".join(lines).replace("\n+", " ").splitlines():
@@ -218,14 +223,19 @@ def parse(text: str, source: Path) -> dict[str, Subckt]:
         plain = [word for word in words if "=" not in word and word != "params:"]
         pairs = {k.strip(): _value(v) for k, v in (w.split("=", 1) for w in words if "=" in w)}
         first = words[0]
-        if first == ".subckt" and plain[1] not in found:
-            here = found[plain[1]] = Subckt(plain[2:], pairs, {}, [])
-        elif first == ".ends":
+        if first == ".subckt" and not here and plain[1] not in found:
+            name = plain[1]
+            here = found[name] = Subckt(plain[2:], pairs, {}, [])
+        elif first == ".ends" and here and plain[1:] in ([], [name]):
             here = None
         elif here and first[0].isalpha() and first not in here.elements:
             here.elements[first] = plain[1:], pairs
         elif first not in (".include", ".end"):
-            raise InputError(source, "statement", line, "an element or .subckt with a new name")
+            raise InputError(
+                source, "statement", line, "an element or .subckt with a new name, or the .ends of it"
+            )
+    if here:
+        raise InputError(source, ".subckt", name, ".ends behind its elements")
     return found
 
 
@@ -262,7 +272,10 @@ def compare(text: Mapping[str, Subckt], drawn: Mapping[str, Subckt]) -> list[ver
 def written(place: Path = TEXT) -> dict[str, Subckt]:
     found: dict[str, Subckt] = {}
     for path in [*sorted(place.glob("*.sp")), place / "devices.inc"]:
-        found |= parse(path.read_text(encoding="utf-8"), path)
+        new = parse(path.read_text(encoding="utf-8"), path)
+        if twice := sorted({*found} & {*new}):
+            raise InputError(path, ".subckt", twice[0], "a name that no other file has")
+        found |= new
     return found
 
 
@@ -297,20 +310,28 @@ SUBSTRATE = ("vss", "vss_d", "b")
 """Names of the substrate: `b` is that of a device that is made of others."""
 
 
+def _plain(value: str | None) -> float:
+    """Return a length in micrometres; NaN for a suffix, by which it would be another unit, or none."""
+    try:
+        return float(value or "nan")
+    except ValueError:
+        return math.nan
+
+
 def undrawable(text: Mapping[str, Subckt]) -> list[str]:
     """Name the elements that no layout holds.
 
-    A resistor of another width or a plate of another size, a multiplier that mismatch does not see, and a resistor or
-    nmos on a net other than the substrate, which is one.
+    A resistor of another width or a plate of another size, a size that is no plain number, a multiplier that
+    mismatch does not see, and a resistor or nmos on a net other than the substrate, which is one.
     """
     found = []
     for name, subckt in text.items():
         for element, (words, pairs) in subckt.elements.items():
             good = not words[-1].startswith("nmos") or words[3] in SUBSTRATE
             if words[-1].startswith(PASSIVES):
-                least, most = sorted(float(pairs[side]) for side in ("w", "l"))
-                plate = DRAWN_UM["cap"][0] <= least <= most <= DRAWN_UM["cap"][1]
-                strip = float(pairs["w"]) in DRAWN_UM["res"] and words[2] in SUBSTRATE
+                width, length = (_plain(pairs.get(side)) for side in ("w", "l"))
+                plate = all(DRAWN_UM["cap"][0] <= side <= DRAWN_UM["cap"][1] for side in (width, length))
+                strip = width in DRAWN_UM["res"] and 0.0 < length and words[2] in SUBSTRATE
                 good = pairs.get("m") == pairs.get("mult") and (strip if "res" in words[-1] else plate)
             if not good:
                 found.append(f"{name} {element}: {' '.join((*words, *map('='.join, pairs.items())))}")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from dermis.errors import InputError
 from scripts.markdown import filled
 from scripts.schematics import command
 from scripts.schematics.command import SHEETS, Subckt, draw
@@ -63,6 +64,7 @@ def test_a_change_of_the_text_is_found(old, new, text, sheets):
     ("file", "old", "new"),
     [
         ("bias.sp", "w=0.69 l=403", "w=1 l=403"),
+        ("bias.sp", "w=0.69 l=403", "w=0.69 l=403m"),
         ("conveyor.sp", "w=27.5 l=27.5", "w=31 l=27.5"),
         ("column.sp", "m=42 mult=42", "m=42"),
         ("bias.sp", "xstart vdd v_start vss", "xstart vdd v_start vdd"),
@@ -73,6 +75,26 @@ def test_what_cannot_be_drawn_is_refused(text, file, old, new):
     assert command.undrawable(text) == []
     faulty = command.parse(changed(command.TEXT / file, old, new), Path(file))
     assert len(command.undrawable(faulty)) == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (".ends comparator", "", r"\.ends behind its elements"),
+        (".ends comparator", ".ends inverter", "the .ends of it"),
+        (
+            ".ends comparator",
+            ".ends comparator\n.subckt bias a b\nr1 a b 1\n.ends",
+            "a name that no other file has",
+        ),
+    ],
+)
+def test_text_that_ngspice_refuses_or_ignores_is_refused(old, new, said, tmp_path):
+    place = tmp_path / "sky130"
+    shutil.copytree(command.TEXT, place)
+    (place / "comparator.sp").write_text(changed(place / "comparator.sp", old, new), encoding="utf-8")
+    with pytest.raises(InputError, match=said):
+        command.written(place)
 
 
 SHEET_FAULTS = {

@@ -112,6 +112,11 @@ FAULTS = {
     "a current source": ("half(['i_e e 0 external'])", "line 5 = i_e e 0 external: an external"),
     "no element": (EMPTY, "elements = 0: at least one, after the line of the title"),
     "a subcircuit without end": ("half(['.subckt a b', 'r1 b 0 1'])", "line 5 = .subckt a b: .ends or .endif after"),
+    "a subcircuit twice": (
+        f"half({['.subckt p a', 'r1 a 0 1', '.ends', '.subckt p a', 'r1 a 0 2', '.ends']})",
+        ".subckt = p: one subcircuit of a name",
+    ),
+    "an option misspelt": ("half(['.options temp=27 reltoll=1'])", "ngspice has no option reltoll; is it reltol?"),
     "a command": ("half(['.control', 'quit', '.endc'])", "line 5 = .control: no .control block"),
 }  # fmt: skip
 
@@ -129,6 +134,13 @@ def test_sources_that_are_not_in_parallel_are_taken(tmp_path: Path) -> None:
     """Across other nodes, in a subcircuit, in a comment, in the title."""
     lines = ["v2 e d 0", "r2 e 0 1k", ".subckt b d", "v3 d 0 1", "v4 d 0 1", ".ends", "* v5 d 0 1"]
     assert "accepted" in run(tmp_path, f"refused(lambda: half({lines}).advance(0.0, []))")
+
+
+def test_what_ngspice_ignores_is_warned_of(tmp_path: Path) -> None:
+    """An option of any other name may be meant for another program."""
+    lines = [".options reltol=1e-4 method=gear post=2 brand", ".model m d(is=1f foo=3)", "d1 d 0 m"]
+    code = f"import warnings\nwith warnings.catch_warnings(record=True) as said: half({lines})\nprint(*said)"
+    assert "unrecognized parameter (foo) - ignored" in run(tmp_path, code)
 
 
 def test_a_change_of_tools_makes_another_driver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

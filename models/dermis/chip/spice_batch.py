@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dermis.errors import SimulatorError, tool_path
-from dermis.lockstep import ladder
+from dermis.lockstep import ladder, netlist_faults
 from dermis.processes.children import output_of, run_child
 
 _TOOL = "ngspice", "ngspice 39 or later"
@@ -82,8 +82,8 @@ def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -
     limit_s : wall-clock limit of every attempt
     level : first rung of the ladder, higher where the lower rungs are known to fail
 
-    InputError without ngspice on the path; SimulatorError if it stopped on every rung, took too long, or a measurement
-    is missing.
+    InputError without ngspice on the path, or for two subcircuits of one name; SimulatorError if it stopped on every
+    rung, took too long, or a measurement is missing.
     """
     tool = tool_path(*_TOOL)
     rungs = ladder.Climb(deck.stem, level)
@@ -130,6 +130,7 @@ def _attempt(
         extra += _guess(tool, deck, text, extra, limit_s)
         start = ladder.START[0]
     said, code = _ngspice(tool, deck, _with(text, extra, [start.optran]), limit_s)
+    netlist_faults.warn_of_ignored(said)
     exceeded, said = _exceeded(said), _EXCEEDED.sub("", said)
     if found := _ABORT.search(said):
         time = _TIME.search(said)

@@ -187,6 +187,8 @@ def _run_job(
     except OSError:
         what = f"the HDL simulator ended without a result in {_place(job, slots)}"
         raise SimulatorError(what, directory) from None
+    if isinstance(result, InputError):  # a netlist that ngspice is not given
+        raise result
     if isinstance(result, SimulatorError):
         raise SimulatorError(f"{_place(job, slots)}: {result.what}", result.log or directory)
     return result

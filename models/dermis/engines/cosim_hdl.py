@@ -18,7 +18,7 @@ from dermis.chip import bridge
 from dermis.chip.analog import ExactHalf
 from dermis.chip.split import SplitHalf, Workers
 from dermis.engines.cosim_job import JOB_VARIABLE, STATISTICS, Block, Job
-from dermis.errors import SimulatorError
+from dermis.errors import DermisError, SimulatorError
 from dermis.files import write_atomic
 from dermis.lockstep import ladder
 from dermis.lockstep.ngspice import NgspiceHalf
@@ -119,7 +119,7 @@ if JOB_VARIABLE in os.environ:
         result: Any
         try:
             result = await _frames(dut, job_dir)
-        except SimulatorError as error:
+        except DermisError as error:
             result = error
         except Exception as error:  # whatever it is, the parent reports it
             log = job_dir / "traceback.log"

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines of a netlist on which ngspice would end the process, or stop without naming them."""
+"""Lines of a netlist on which ngspice would end the process, or stop without naming them, and those that it ignores."""
 
 from __future__ import annotations
 
+import difflib
 import functools
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -22,6 +24,14 @@ _ELEMENTS = re.compile(r"\s*([a-z]|\.inc|\.lib)", re.IGNORECASE)
 _INCLUDES = 10
 """Depth of files in files that is followed; ngspice ends a circle itself."""
 
+_OPTIONS = (
+    "abstol absdv acct autostop badmos3 bypass chgtol convabsstep convlimit convstep copynodesets cshunt defad defas "
+    "defl defm defw delmin epsmin gmin gminfactor gminsteps gshunt indverbosity itl1 itl2 itl3 itl4 itl5 itl6 "
+    "keepopinfo klu list maxevtiter maxopalter maxord maxwarns method minbreak newtrunc noacct node nodedamping noinit "
+    "nomod noopac noopalter noopiter nopage num_threads numdgt oldlimit opts pivrel pivtol post ramptime reldv reltol "
+    "rseries rshunt savecurrents scale seed seedinfo sparse srcsteps temp tnom trtol trytocompact vntol warn xmu xtrtol"
+).split()
+
 _Place = tuple[str, str]
 
 
@@ -32,6 +42,7 @@ def refuse(lines: Sequence[str]) -> None:
     - An external current source: nothing drives it.
     - `.control`, and a comment `*#`: their commands run while the deck is read, and `quit` ends ngspice.
     - The option `interp`: samples would be those of other times, also in later circuits.
+    - An option with a value whose name is nearly one of ngspice's, which takes any name and does nothing with it.
     - A lossy line of type `o`: ngspice takes memory for all steps that the longest run could have.
     - An analysis, such as `.tran` with `uic`: it would not be run.
     - Two voltage sources across the same nodes, outside subcircuits: a singular matrix, which ngspice reports
@@ -52,6 +63,11 @@ def refuse(lines: Sequence[str]) -> None:
             raise InputError(*place, line, allowed)
         if name.startswith(".opt") and "interp" in words:
             raise InputError(*place, line, "without interp, which moves the samples to other times")
+        # Files of a process have options of other simulators as well.
+        for word in re.findall(r"([a-z]\w*)\s*=", line.lower()) if name.startswith(".opt") else ():
+            near = difflib.get_close_matches(word, _OPTIONS, 1, 0.8)
+            if near and word not in _OPTIONS and place[0] == "netlist":
+                raise InputError(*place, line, f"ngspice has no option {word}; is it {near[0]}?")
         if name[0] == "o":
             raise InputError(*place, line, "a lossless line t, or a lossy one of type y (txl)")
         if re.fullmatch(_ANALYSES, name):
@@ -73,6 +89,18 @@ def refuse(lines: Sequence[str]) -> None:
             raise InputError(*place, line, f"no voltage source in parallel with that of {other}")
     if opened:
         raise InputError(*opened[-1], ".ends or .endif after it")
+
+
+def warn_of_ignored(said: str) -> None:
+    """Warn of what ngspice says that it ignores of a netlist; InputError for a subcircuit with the name of another."""
+    ignored = [line for line in said.splitlines() if "ignored" in line]
+    for line in ignored:
+        if found := re.search(r"redefinition of \.subckt ([^\s,]+)", line):
+            raise InputError(
+                "netlist", ".subckt", found[1], "one subcircuit of a name: ngspice ignores the second"
+            )
+    for line in dict.fromkeys(ignored):
+        warnings.warn(f"ngspice: {line.removeprefix('stderr ').strip()}", stacklevel=3)
 
 
 def breaks(lines: Sequence[str]) -> bool:

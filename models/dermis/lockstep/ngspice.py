@@ -161,9 +161,10 @@ class NgspiceHalf:
         `advance(0.0, [])` returns NaN then
     level : how ngspice starts and steps
 
-    InputError for a line of `netlist_faults.refuse`, and in `advance` for a probe that is no node, or a source that is
-    not external; SimulatorError if ngspice refuses the deck; ladder.Abort, after which the process can have another
-    circuit, if it finds no operating point, stops on its way, or a sample is no number.
+    InputError for a line of `netlist_faults.refuse` and for two subcircuits of one name, and in `advance` for a
+    probe that is no node, or a source that is not external; SimulatorError if ngspice refuses the deck;
+    ladder.Abort, after which the process can have another circuit, if it finds no operating point, stops on its
+    way, or a sample is no number.
     """
 
     def __init__(
@@ -205,6 +206,7 @@ class NgspiceHalf:
             text = _array(ctypes.c_char_p, [*lines, *extra, ".end", None])
             if self._lib.ngSpice_Circ(text) or "stderr Error" in self._said():  # which its code may not say
                 self.fail(what="ngspice refuses the deck")
+            netlist_faults.warn_of_ignored(self._said())
             self._lib.ngSpice_Command(how.optran.encode())
 
         nodesets: list[str] = []
