@@ -38,7 +38,7 @@ int dermis_write(const dermis_host *host, uint8_t address, uint16_t value);
 int dermis_set_up(const dermis_host *host, const uint16_t (*settings)[2], size_t count);
 
 /* Read registers back; a chip that was reset in operation has its reset values, and its frame number began
-   again at 1. */
+   again at 1. So does a register seem to have that was given more bits than it has, or a pulse. */
 int dermis_check(const dermis_host *host, const uint16_t (*settings)[2], size_t count);
 
 /* Read STATUS until a bit of `mask` is set, at most `polls` times. */

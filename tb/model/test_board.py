@@ -17,7 +17,7 @@ from dermis.errors import InputError
 from dermis.report import calibrate
 from dermis.skin import Skin
 from tb.programs.decode.board import Board, touches
-from tb.programs.decode.session import rectangles
+from tb.programs.decode.session import rectangles, write_tables
 
 ROWS, COLS = 6, 8
 
@@ -238,3 +238,38 @@ def test_counts_at_both_ends_and_missing_ones(tmp_path: Path, side: str) -> None
     assert found.holds(force).all()
     with pytest.raises(ValueError, match="codes must be"):
         Decoder(skin.decoder.calibration, 0.01).decode(np.full((ROWS, COLS), made.most + 1))
+
+
+def judged(
+    tmp_path: Path, loads: np.ndarray, codes: list[np.ndarray]
+) -> tuple[calibration.Calibration, dict]:
+    """Calibrate with loads and codes; the calibration, and the rows by name."""
+    (tmp_path / "board.toml").write_text(dumps(board().scene(200.0)))
+    known, rows = calibrate.session(
+        write_tables(tmp_path, (ROWS, COLS), 'scene = "board.toml"', loads, codes)
+    )
+    return known, {row["name"].removeprefix("calibrate."): row for row in rows}
+
+
+def test_a_short_behind_a_multiplexer_is_named_and_has_no_upper_end(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    loads = rectangles(rng, np.geomspace(1, 12, 25), ROWS, COLS)
+    shorted = loads.copy()
+    shorted[:, 2, 3] = 300.0  # 25 ohm beside dividers of 200 ohm
+    known, rows = judged(tmp_path, loads, [board().counts(force[None], rng) for force in shorted])
+    assert rows["bad_taxels"]["note"] == "2 3 reads as a short without a load"
+    doubts = list(known.doubts())
+    assert len(doubts) == 2
+    assert "1 taxel without a response to force (row, column 2 3)" in doubts[0]
+    assert "no [[cycle]]" in doubts[1]
+    high_n = Decoder(known, 0.01).decode(board().counts(shorted[:2], rng)).high_n
+    assert np.isinf(high_n[:, 2, 3]).all()
+    assert np.isfinite(high_n[:, 3:, 5:]).all()
+
+
+def test_kilograms_in_place_of_newtons_fail(tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    loads = rectangles(rng, np.geomspace(1, 12, 25), ROWS, COLS)
+    codes = [board().counts(force[None], rng) for force in loads]
+    assert judged(tmp_path, loads, codes)[1]["sensitivity_ratio"]["status"] == "PASS"
+    assert judged(tmp_path, loads / 9.80665, codes)[1]["sensitivity_ratio"]["status"] == "FAIL"

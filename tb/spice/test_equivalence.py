@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import dermis
 from dermis import engines, plan
 from dermis.array.array import column_currents
 from dermis.chip import netlist
@@ -93,6 +94,30 @@ def test_what_contradicts_the_file_is_refused_by_its_key(effects: dict, tables: 
     with pytest.raises(InputError) as refused:
         world(effects, **tables)
     assert refused.value.key == key
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [("converter", "c_int_f", 1e-11), ("converter", "f_clk_hz", 10e6), ("supply", "vdd_v", 1.8)],
+)
+@pytest.mark.paper
+def test_a_design_that_the_circuit_was_not_measured_with_is_refused(
+    section: str, key: str, value: float
+) -> None:
+    data = {"array": {"rows": 1, "cols": 1}, "stimulus": {"kind": "uniform", "r_ohm": [1000.0]}}
+    with pytest.raises(
+        InputError, match=f"{key} = .* with effects.extracted: the circuit was measured with it"
+    ):
+        dermis.simulate(data | {"effects": {"extracted": TYPICAL}}, design={section: {key: value}})
+
+
+def test_values_written_by_hand_are_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    path = shutil.copy(extracted.path_of("tt", 27.0), tmp_path)
+    text = Path(path).read_text()
+    Path(path).write_text(text.replace("packet_error = -", "packet_error = ", 1))
+    monkeypatch.setattr(extracted, "FOLDER", tmp_path)
+    with pytest.warns(UserWarning, match="values were written by hand"):
+        world({"extracted": TYPICAL})
 
 
 def test_no_engine_but_the_closed_one_refuses_any_of_them_and_the_deck_has_their_values() -> None:

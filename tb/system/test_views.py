@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import dermis
 from dermis import engines
 from dermis import plan as planning
 from dermis.chip import netlist
 from dermis.chip.split import SplitHalf, Workers
 from dermis.engines import cosim
+from dermis.errors import InputError
 from dermis.lockstep import ladder
 from dermis.lockstep.ngspice import Deck, NgspiceHalf
 from dermis.processes import pool
@@ -139,6 +141,17 @@ def test_what_transistors_cannot_do_is_refused_by_name(
     for engine in ("cosim", None):
         given = [[500.0, 500.0]], views, tmp_path, effects, interface, engine
         assert refused(lambda given=given: engines.check(make(*given))).key == key
+
+
+@pytest.mark.paper
+def test_transistors_are_those_that_are_drawn_whatever_the_design(tmp_path: Path) -> None:
+    path = tmp_path / "drawn.toml"
+    path.write_text(
+        '[array]\nrows = 1\ncols = 1\n[stimulus]\nkind = "uniform"\nr_ohm = [1e3]\n[run]\nviews = "sky130"'
+    )
+    changed = {"converter": {"i0_a": 20e-6}, "interface": {"v_bias_v": 0.4}}
+    with pytest.raises(InputError, match=r"i0_a = 2e-05: 2\.5e-05, the size of the sky130 channel"):
+        dermis.simulate(path, engine="cosim", design=changed)
 
 
 def test_a_block_that_is_a_model_takes_its_effects(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import ctypes
+import operator
 import os
 import struct
 import time
@@ -45,7 +46,7 @@ class Host:
 
     def _exchange(self, data: bytes) -> bytes:
         parts = (data[n : n + self.limit] for n in range(0, len(data), self.limit))
-        return b"".join(self.transfer(part, True) for part in parts)
+        return b"".join(bytes(self.transfer(part, True)) for part in parts)  # py-spidev returns a list
 
     def _run(self, request: Callable[[], spi.Transaction], repeat: tuple[type[spi.SpiError], ...]) -> object:
         for left in reversed(range(self.tries)):
@@ -66,8 +67,8 @@ class Host:
         self._run(lambda: spi.write_register(address, value), NOT_DONE)
 
     def set_up(self, **registers: int) -> None:
-        """Check the chip's ID, then write registers by name; SpiError, InputError for an unknown name."""
-        _refuse_unknown(registers)
+        """Check the chip's ID, then write registers by name; SpiError, InputError for another name or value."""
+        _refuse("set_up", registers)
         if (found := self.read(rm.ID)) != rm.REGISTERS["ID"].reset:
             raise OtherChip(f"ID is 0x{found:04X}")
         for name, value in registers.items():
@@ -78,9 +79,10 @@ class Host:
 
         A chip that is reset in operation goes on with its reset values; only the frame number begins again at 1.
         """
-        _refuse_unknown(registers)
+        _refuse("check", registers)
         for name, value in registers.items():
-            if (found := self.read(rm.REGISTERS[name].address)) != value:
+            register = rm.REGISTERS[name]
+            if (found := self.read(register.address)) != operator.index(value) & ~register.pulse:
                 raise WasReset(f"{name} is {found}, not {value}: set the chip up again")
 
     def wait(self, mask: int, timeout_s: float) -> None:
@@ -103,9 +105,14 @@ class Host:
         return self._run(read, CORRUPTED)
 
 
-def _refuse_unknown(registers: Mapping[str, int]) -> None:
+def _refuse(call: str, registers: Mapping[str, int]) -> None:
     if unknown := registers.keys() - rm.REGISTERS.keys():
-        raise InputError("set_up", "register", min(unknown), ", ".join(rm.REGISTERS))
+        raise InputError(call, "register", min(unknown), ", ".join(rm.REGISTERS))
+    for name, value in registers.items():
+        register = rm.REGISTERS[name]
+        bits = register.pulse | (register.writable if call == "set_up" else register.readable)
+        if not hasattr(value, "__index__") or operator.index(value) & ~bits:
+            raise InputError(call, name, value, f"a whole number in the bits 0x{bits:04X}")
 
 
 class Spidev:

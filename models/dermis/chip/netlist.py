@@ -133,7 +133,7 @@ def refuses(plan: Plan) -> InputError | None:
     if mirror and ratios != sky130.MIRROR_RATIOS:
         made = f"{sky130.MIRROR_RATIOS}, the ratios of the sky130 mirror"
         return InputError("models/design.toml", "interface.k_options", ratios, made)
-    for key, made in (("i0_a", design.converter.i0_a), ("c_int_f", design.converter.c_int_f)):
+    for key, made in sky130.DRAWN.items():
         if (value := getattr(interface, key)) != made:
             allowed = f'{made:g}, the size of the sky130 channel, or run.views = "behavioural"'
             return InputError(world.path, f"interface.{key}", value, allowed)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from dermis.decode.crosstalk import CARRIED, CORRECTED
 from dermis.decode.force import start_of
 from dermis.decode.law import PARAMETERS, Curve, of_sensor
 from dermis.decode.memory import MemoryLaw
-from dermis.errors import InputError
+from dermis.errors import InputError, counted
 from dermis.files import text_of, write_atomic
 from dermis.machine_code import argument
 from dermis.ndarrays import Floats
@@ -37,6 +38,8 @@ MISSED = 5e-4
 OVERLOAD = 4.0
 """Default of g_max_s: a saturated taxel conducts at most this many times full scale."""
 
+UNKNOWN_PART = 1e6
+"""Relative uncertainty of a taxel that does not read a force: its interval has no upper end."""
 UNSEEN_DECADES = 0.05
 """Creep in decades that a load below half a code causes unseen before it is in sight: 1.2 ms of it at the default start
 of creep. One that stays out of sight between two loads is followed (`memory.GAP_S`)."""
@@ -214,6 +217,16 @@ class Calibration:
         if (rows, cols) != (self.rows, self.cols):
             allowed = f"frames of {self.rows} x {self.cols}, or the calibration of this array"
             raise InputError(file, "array", f"{rows} x {cols}", allowed)
+
+    def doubts(self) -> Iterator[str]:
+        """Yield what the intervals of readings with this calibration do not know."""
+        unread = np.argwhere(self.factor_part >= UNKNOWN_PART)
+        if len(unread):
+            first = "; ".join(f"{r} {c}" for r, c in unread[:4]) + (" ..." if len(unread) > 4 else "")
+            said = f"{counted(len(unread), 'taxel')} without a response to force (row, column {first})"
+            yield f"{said}: totals lack them, and what they carry moves their neighbours"
+        if not self.memory.active and not self.uncorrected_part:
+            yield "no [[cycle]] was measured: intervals are those of a sheet without hysteresis and creep"
 
     def to_toml(self) -> str:
         """Return the calibration as text; `load` reads the same one."""

@@ -20,7 +20,7 @@ from dermis import machine_code
 from dermis.array.array import Network
 from dermis.converter.vfc import code_type
 from dermis.decode import crosstalk
-from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
+from dermis.decode.calibration import COVERAGE_SIGMA, UNKNOWN_PART, Calibration
 from dermis.decode.law import force_of
 from dermis.decode.memory import SheetMemory, check_out, undo_frame
 from dermis.ndarrays import Bools, Floats, unmasked
@@ -373,7 +373,7 @@ def _forces(k, flags, force, low, high):
             least = force_of(low[r, c], k.logarithmic, at, pieces, k.g_open, k.force_on)
             most = force_of(high[r, c], k.logarithmic, at, pieces, k.g_open, k.force_on)
             low[r, c], high[r, c] = least * (1.0 - part), most * (1.0 + part)
-            if flags[r, c] & (SATURATED | SHORT | UNSOLVED):
+            if flags[r, c] & (SATURATED | SHORT | UNSOLVED) or k.factor_part[r, c] >= UNKNOWN_PART:
                 high[r, c] = np.inf
             if flags[r, c] & UNSOLVED:
                 low[r, c] = 0.0

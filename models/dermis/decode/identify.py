@@ -14,7 +14,7 @@ from scipy.stats import f as f_distribution
 
 from dermis.array.array import Network
 from dermis.decode import crosstalk, law
-from dermis.decode.calibration import COVERAGE_SIGMA, UNSEEN_DECADES, Calibration, Mode
+from dermis.decode.calibration import COVERAGE_SIGMA, UNKNOWN_PART, UNSEEN_DECADES, Calibration, Mode
 from dermis.decode.memory import MemoryLaw, SheetMemory
 from dermis.ndarrays import Bools, Floats
 
@@ -39,8 +39,6 @@ SHOWN = 3.0
 """A trace resistance is shown if it is this many standard uncertainties above 0."""
 INFLATED = 3.0
 """Two parameters are confused if the one that is held fixed makes the other this many times more certain."""
-UNKNOWN_PART = 1e6
-"""Relative uncertainty of a taxel that does not read a force: its interval is open."""
 RIDGE = 1e-9
 """Of the scaled normal equations: no parameter counts as more than 3e4 times less certain than it is alone."""
 OWN_SHARE = 1e-3
@@ -49,6 +47,8 @@ TAXELS = 16
 """The most loaded ones tell hysteresis and creep."""
 LEAST_CODE = 10
 """Readings below are not used for a fit: half a code is more than 5 % of them."""
+STUCK = 0.8
+"""Share of the largest reading that no crosstalk makes of an unpressed taxel in every load."""
 FORCES = 64
 """Up to this number of different forces each has its own effect while wrong loads are looked for."""
 LEVELS = 12
@@ -177,7 +177,9 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
         worst = ", ".join(sorted(by_load, key=lambda n: -by_load[n])[:4])
         said = f"loads contradict each other by {middle:.0%} of a reading"
         few = f", or {len(loads)} are too few to tell the network from them" if len(loads) < FEW_LOADS else ""
-        raise ContradictionError(f"{said}{few}; largest: {worst}")
+        few += ", or the sheet is not linear (law in [start])" if kind == "linear" else ""
+        odd = "".join(f"; taxel {r} {c} {reason}" for (r, c), reason in [*bad_taxels.items()][:4])
+        raise ContradictionError(f"{said}{few}; largest: {worst}{odd}")
     good = [load for load in loads if load.name not in bad]
     own = fit.calibration.own if len(fit.calibration.own) < fit.calibration.factor.size / 2 else ()
     forces = np.unique([load.force_n for load in good])
@@ -188,6 +190,11 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     # for independent of each other.
     plates = sum(np.nanmin(load.force_n) == np.nanmax(load.force_n) for load in good)
     remarks = {n: PLATES for n in NETWORK_START if n in fit.values and plates > len(good) / 2} | fit.remarks
+    dark = [f"row {r}" for r in np.flatnonzero(unread.all(axis=1))]
+    if dark := ", ".join([*dark, *(f"column {c}" for c in np.flatnonzero(unread.all(axis=0)))]):
+        remarks |= dict.fromkeys(
+            fit.values, f"is less certain than that: {dark} may carry what nothing reads"
+        )
     notes = [f"load {name} was left out: it contradicts the others" for name in bad]
     notes += [f"{name}: {remark}" for name, remark in remarks.items()]
     notes += [f"taxel {r} {c} {reason}" for (r, c), reason in bad_taxels.items()]
@@ -222,7 +229,8 @@ def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, 
 
     One is dead if it reads below `LEAST_CODE` above its start, or a fifth of what others read, in every load that
     presses it as hard as most and under which most of the hard pressed taxels read twice that code. One is stuck if it
-    reads full scale in every load, and in one at least where most taxels of that force do not.
+    reads full scale in every load, and in one at least where most taxels of that force do not; or `STUCK` of the
+    largest reading, and in one at least without a force: a short behind a multiplexer reads no full scale.
     """
     codes = np.array([np.median(load.codes, axis=0) for load in loads])
     force = np.array([load.force_n for load in loads])
@@ -235,8 +243,10 @@ def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, 
     dead = telling.any(axis=0) & ~(telling & (above >= np.maximum(LEAST_CODE, 0.2 * typical))).any(axis=0)
     full = calibration.full_code
     stuck = (codes >= full).all(axis=0) & (~pressed | (typical < full.min())).any(axis=0)
-    said = {(int(r), int(c)): "does not respond to loads" for r, c in np.argwhere(dead)}
-    return said | {(int(r), int(c)): "reads full scale without a load" for r, c in np.argwhere(stuck)}
+    short = (codes >= STUCK * codes.max()).all(axis=0) & (force == 0).any(axis=0) & (codes.min() < LEAST_CODE)
+    reasons = {"does not respond to loads": dead, "reads as a short without a load": short}
+    reasons["reads full scale without a load"] = stuck
+    return {(int(r), int(c)): said for said, taxels in reasons.items() for r, c in np.argwhere(taxels)}
 
 
 def _conductances(calibration: Calibration, network: Network, currents: Floats) -> Floats:

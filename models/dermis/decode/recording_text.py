@@ -294,6 +294,14 @@ def asks_unit(name: str) -> bool:
     return is_time(name) and not is_time(name, _BARE_TIME) and unit is not None
 
 
+def _alike(one: tuple[float, bool], other: tuple[float, bool]) -> bool:
+    """Return True if two of `Table._span` may be the same time; one without a unit has any."""
+    factors = (
+        [1.0] if one[1] and other[1] else [a / b for a in TIME_UNITS.values() for b in TIME_UNITS.values()]
+    )
+    return any(abs(one[0] - f * other[0]) <= 0.1 * min(abs(one[0]), abs(f * other[0])) for f in factors)
+
+
 # ---- tables
 
 
@@ -545,7 +553,7 @@ class Table:
                 allowed = "a number, a clock, or a date as 2024-03-04 12:00:00; or --rate"
                 raise self._ask(names[alone[0]], quoted(first[alone[0]]), allowed)
             spans = [span for span in map(self._span, named) if span is not None]
-            if len(spans) > 1 and max(spans) > 1.1 * min(spans):
+            if not all(_alike(spans[0], other) for other in spans[1:]):
                 listed = " and ".join(self.names[k] for k in named[:2])
                 warn(self.path, f"{listed} differ: {self.names[named[0]]} is taken; --time-key otherwise")
             if named:
@@ -563,13 +571,13 @@ class Table:
                 return [k, k + 1] if fine else [k]
         return []
 
-    def _span(self, k: int) -> float | None:
-        """Return the seconds from the first to the last time of the sample; None without a unit."""
+    def _span(self, k: int) -> tuple[float, bool] | None:
+        """Return the time from the first to the last one of the sample, and if it is in seconds; None for no number."""
         first, last = self.sample[0][k], self.sample[-1][k]
         read, unit = number_of, TIME_UNITS.get(time_unit_of(self.names[k]))
         if not is_number(first):
             read, unit = seconds_of, 1.0
-        return (read(last) - read(first)) * unit if unit and is_number(last, read) else None
+        return ((read(last) - read(first)) * (unit or 1.0), bool(unit)) if is_number(last, read) else None
 
     def _with_parts(self, k: int) -> list[int]:
         """Return the columns of a time: a date before its clock, and the part of a second after whole ones."""
@@ -590,6 +598,11 @@ class Table:
                     if all(re.fullmatch(r"\d{1,9}", p) and int(p) < per_s for p in parts):
                         return [*date, k, j]
         return [*date, k]
+
+    def _as_in_file(self, chosen: list[int]):
+        """Return what `_by_names` returns, for chosen columns whose names do not tell."""
+        warn(self.path, "names do not say the places of the chosen columns; taken row by row")
+        return "row by row, as in the file", chosen, None, True
 
     def _by_names(self, chosen: list[int] | None, keys: list[int]):
         """Return order, columns by place (None: no taxel), shape or None, and True if a line is a frame."""
@@ -614,8 +627,7 @@ class Table:
         elif len(fitting) == 1:
             parts = fitting
         if chosen is not None and (len(groups) != 1 or "#" not in next(iter(groups))[0]):
-            warn(self.path, "names do not say the places of the chosen columns; taken row by row")
-            return "row by row, as in the file", chosen, None, True
+            return self._as_in_file(chosen)
         if len(parts) != 1:
             listed = ", ".join(f"{len(g)} of {self.names[g[0]]}" for g in parts[:6]) or "no taxels by number"
             allowed = "--part N for one of several arrays; a line with one value is not read"
@@ -629,7 +641,12 @@ class Table:
         words = [re.split(r"[^a-z]+", texts[d].rstrip(" _.[](),-"))[-1] for d in changing]
         numbers = numbers[:, changing]
         if len(changing) == 1:
-            place, count, by_line = self._flat(first, numbers[:, 0], words[0])
+            try:
+                place, count, by_line = self._flat(first, numbers[:, 0], words[0])
+            except InputError:
+                if chosen is None:
+                    raise
+                return self._as_in_file(chosen)
             shape = None
         else:
             two = len(changing) == 2

@@ -417,6 +417,8 @@ def read_command(
         own = None if known is None else calibration.load(known)
         if own is not None:
             own.check(rows, cols, known)
+            for said in own.doubts():
+                note(f"{known}: {said}")
         skin = Skin(chip, calibration=own)
         if decodes:
             codes, found, judged = decode_frames(skin, rec, file)

@@ -8,6 +8,7 @@ them like effects written by hand.
 
 import hashlib
 import re
+import tomllib
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,11 +19,13 @@ from dermis.effects import EFFECTS, EffectsTable
 from dermis.errors import InputError
 from dermis.files import write_atomic
 from dermis.places import ROOT
-from dermis.scene.design import TOPOLOGIES, Design
+from dermis.scene.design import TOPOLOGIES, Design, load
 from dermis.scene.schema import Strict, entry, read_toml, validate
 
 FOLDER = ROOT / "models" / "extracted"
 CIRCUIT = ROOT / "spice" / "sky130"
+CONDITIONS = "converter.i0_a", "converter.c_int_f", "converter.f_clk_hz", "supply.vdd_v", "supply.vss_v"
+"""Values of the design that the measured errors are relative to."""
 AGAIN = "dermis extract"
 """Command that writes the files again."""
 
@@ -31,6 +34,10 @@ class _Source(Strict):
     corner: str = entry(..., "Corner of the process", "one of those of sky130")
     temperature_c: float = entry(..., "Temperature, in degrees Celsius")
     models: str = entry(..., "Digest of the transistor models")
+    values: str = entry(..., "Digest of the values")
+    design: dict[str, float] = entry(
+        ..., "Values of the design that it was measured with", "a table of numbers"
+    )
     circuit: dict[str, str] = entry(..., "Digest of every file of spice/sky130", "a table of text")
 
 
@@ -65,6 +72,12 @@ def circuit_digests(folder: Path = CIRCUIT) -> dict[str, str]:
     return {f.name: hashlib.sha256(said(f).encode()).hexdigest()[:12] for f in files}
 
 
+def _values_digest(data: Mapping[str, Any]) -> str:
+    """Return a digest of the channels of a file."""
+    channels = {name: table for name, table in data.items() if name != "source"}
+    return hashlib.sha256(repr(channels).encode()).hexdigest()[:12]
+
+
 def models_digest(corner: str) -> str:
     """Return a digest of the transistor models of a corner."""
     from dermis.chip import sky130
@@ -74,17 +87,33 @@ def models_digest(corner: str) -> str:
 
 def stale(path: Path, circuit: Path = CIRCUIT, with_models: bool = True) -> str:
     """Return the reason why the values of a file may be out of date, or an empty text."""
-    source = validate(_Source, read_toml(path).get("source", {}), path, "source")
+    data = read_toml(path)
+    source = validate(_Source, data.get("source", {}), path, "source")
     have = circuit_digests(circuit)
     changed = sorted(n for n in have.keys() | source.circuit.keys() if have.get(n) != source.circuit.get(n))
     causes = [f"spice/sky130 has changed since ({', '.join(changed)})"] if changed else []
     if with_models and models_digest(source.corner) != source.models:
         causes.append("the transistor models have changed since")
+    if _values_digest(data) != source.values:
+        causes.append("values were written by hand")
+    stored = load().stored()
+    if other := [key for key, value in source.design.items() if stored.get(key) != value]:
+        causes.append(f"models/design.toml has changed since ({', '.join(other)})")
     return f"{path.name}: {' and '.join(causes)}; write it anew with: {AGAIN}" if causes else ""
 
 
 def write(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> Path:
     """Write the file of a condition, sources and then the effects of each channel; return its path."""
+    tables: list[str] = []
+    for name, found in channels.items():
+        tables += ["", f"[{name}]"]
+        for effect in dict.fromkeys(m.effect for m in found):
+            of = [m for m in found if m.effect == effect]
+            tables += [f"# {m.parameter}: {m.bench}" for m in of]
+            # Eight digits are far beyond what the benches resolve.
+            values = ", ".join(f"{m.parameter} = {float(format(m.value, '.8g'))!r}" for m in of)
+            tables.append(f"{effect} = {{ {values} }}")
+    digest, stored = _values_digest(tomllib.loads("\n".join(tables))), load().stored()
     lines = [
         "# SPDX-License-Identifier: Apache-2.0",
         f"# What was measured of the chip in transistors at {corner}, {temperature_c:g} C, as the effects of a scene.",
@@ -94,18 +123,15 @@ def write(corner: str, temperature_c: float, channels: Mapping[str, list[Measure
         f'corner = "{corner}"',
         f"temperature_c = {float(temperature_c)!r}",
         f'models = "{models_digest(corner)}"',
+        f'values = "{digest}"',
+        "",
+        "[source.design]",
+        *(f'"{key}" = {float(stored[key])!r}' for key in CONDITIONS),
         "",
         "[source.circuit]",
         *(f'"{name}" = "{digest}"' for name, digest in circuit_digests().items()),
+        *tables,
     ]
-    for name, found in channels.items():
-        lines += ["", f"[{name}]"]
-        for effect in dict.fromkeys(m.effect for m in found):
-            of = [m for m in found if m.effect == effect]
-            lines += [f"# {m.parameter}: {m.bench}" for m in of]
-            # Eight digits are far beyond what the benches resolve.
-            values = ", ".join(f"{m.parameter} = {float(format(m.value, '.8g'))!r}" for m in of)
-            lines.append(f"{effect} = {{ {values} }}")
     path = path_of(corner, temperature_c)
     write_atomic(path, "\n".join(lines) + "\n")
     return path
@@ -138,10 +164,13 @@ def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
         raise InputError(file, key, path.stem, f"a condition that was extracted: {there}")
     if why := stale(path, with_models=False):  # the transistor models may not be installed
         warnings.warn(why, stacklevel=2)
-    for name, built in (("i0_a", design.converter.i0_a), ("c_int_f", design.converter.c_int_f)):
-        if getattr(interface, name) != built:
-            allowed = f"{built:g} with effects.extracted: the measured circuit has this value"
-            raise InputError(file, f"interface.{name}", getattr(interface, name), allowed)
+    have = design.stored() | {f"converter.{name}": getattr(interface, name) for name in ("i0_a", "c_int_f")}
+    for name, measured in validate(_Source, read_toml(path)["source"], path, "source").design.items():
+        if have[name] != measured:
+            leaf = name.split(".")[1]
+            shown = f"interface.{leaf}" if hasattr(interface, leaf) else name
+            allowed = f"{measured:g} with effects.extracted: the circuit was measured with it ({AGAIN})"
+            raise InputError(file, shown, have[name], allowed)
     channels = channels_of(path)
     name = channel(interface.topology, interface.k)
     if name not in channels:

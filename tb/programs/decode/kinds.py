@@ -567,6 +567,15 @@ CASES: dict[str, Case] = {
     "two times that differ": csv(
         flat, {"time_s": seconds(), "time_ms": seconds(3000.0)}, says="time_s and time_ms differ"
     ),
+    "two times that differ, one without a unit": csv(
+        flat, {"time": seconds(), "time_ms": seconds(2000.0)}, says="time and time_ms differ"
+    ),
+    "row and column in one number": csv(
+        lambda r, c: f"S{r + 1}{c + 1}",
+        {"time_s": seconds()},
+        options=SIZE | {"taxels": (1, ROWS * COLS)},
+        says="taken row by row",
+    ),
     "a unit of time that is not that of the name": csv(
         flat,
         {"time_ms": seconds(1e3)},

@@ -320,6 +320,15 @@ def test_a_port_that_is_not_there_is_one_line(tmp_path: Path) -> None:
         (lambda: Host(lambda data, hold: data, limit=0), "numbers from 1"),
         (lambda: Host(lambda data, hold: data).set_up(GATE=510, GAIT=1), "GAIT"),
         (lambda: Host(lambda data, hold: data).check(GAIT=1), "GAIT"),
+        (
+            lambda: Host(lambda data, hold: data).set_up(RANGE=4),
+            "RANGE = 4: a whole number in the bits 0x0003",
+        ),
+        (lambda: Host(lambda data, hold: data).set_up(GATE=510.7), "GATE = 510.7: a whole number"),
+        (
+            lambda: Host(lambda data, hold: data).set_up(ID=0xDE01),
+            "ID = 56833: a whole number in the bits 0x0000",
+        ),
     ],
 )
 def test_a_wrong_option_or_register_is_one_line(call: Callable[[], object], said: str) -> None:
