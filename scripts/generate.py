@@ -134,7 +134,6 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
         front_end=sky130.front_end(rows, cols),
     )
     files |= register_files.files(design, root)
-    files[first_picture.PATH] = first_picture.svg(design)
     for path in (*PERIODS, *TABLES):
         text = _read(root / path)
         if text is None:
@@ -147,6 +146,8 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
             if places != 1:
                 raise InputError(path, "clock period", f"{places} places", f"one that matches {pattern}")
         files[path] = text
+    # Last: it compiles the Verilog, and a scene that does not fit the design is named above.
+    files[first_picture.PATH] = first_picture.svg(design)
     return files
 
 

@@ -192,6 +192,16 @@ def test_the_force_from_which_a_sheet_conducts_comes_from_loads() -> None:
     assert Decoder(fit, 2e-3).decode(codes).holds(force).all()
 
 
+def test_a_few_light_taxels_tell_the_force_from_which_a_sheet_conducts() -> None:
+    ideal = Calibration.of_plan(Skin(array={"rows": 4, "cols": 4}).plan)
+    force = np.random.default_rng(3).uniform(1.5, 9.0, (25, 4, 4))
+    force[:, 1, :3] = np.geomspace(0.2, 3.0, 25)[:, None]
+    codes = ideal.codes_of(column_currents(ideal.array(), np.where(force < 1.0, 0.0, force / 7500.0)))
+    fit = identify.fit_sheet(ideal, weights(force, codes), "linear").calibration
+    assert 1.0 <= fit.curve.force_on_n < 1.1
+    assert Decoder(fit, 2e-3).decode(codes).holds(force).all()
+
+
 def test_dead_and_stuck_taxels_are_named() -> None:
     made = []
     for load in loads():

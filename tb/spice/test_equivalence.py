@@ -25,6 +25,8 @@ from tb.programs.equivalence import columns, command, faults, gate
 from tb.programs.equivalence.gate import Case
 from tb.reference.converter_walk import walk_reference
 
+pytestmark = pytest.mark.paper  # the circuits are drawn and measured for it
+
 TYPICAL = {"corner": "tt", "temperature_c": 27.0}
 
 
@@ -100,7 +102,6 @@ def test_what_contradicts_the_file_is_refused_by_its_key(effects: dict, tables: 
     ("section", "key", "value"),
     [("converter", "c_int_f", 1e-11), ("converter", "f_clk_hz", 10e6), ("supply", "vdd_v", 1.8)],
 )
-@pytest.mark.paper
 def test_a_design_that_the_circuit_was_not_measured_with_is_refused(
     section: str, key: str, value: float
 ) -> None:

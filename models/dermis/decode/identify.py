@@ -200,8 +200,9 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     notes += [f"taxel {r} {c} {reason}" for (r, c), reason in bad_taxels.items()]
     part = np.where(unread, UNKNOWN_PART, fit.calibration.factor_part)
     made = dataclasses.replace(fit.calibration, factor_part=part, notes=(*calibration.notes, *notes))
-    read = np.array([np.median(load.codes, axis=0).ravel() for load in good])
-    made = _turn_on(made, read, np.nan_to_num([load.force_n.ravel() for load in good]))
+    currents = made.step_a * (np.array([np.median(load.codes, axis=0) for load in good]) - made.start_code)
+    g = _conductances(made, made.array(), currents) / made.factor
+    made = _turn_on(made, g, np.nan_to_num([load.force_n for load in good]))
     elsewhere = tuple(_elsewhere(made, good, bad_taxels))
     return SheetFit(made, fit.values, remarks, tuple(bad), bad_taxels, elsewhere)
 
@@ -558,17 +559,23 @@ def _hats(log_force: Floats, most: int = 0) -> Floats:
     return np.stack([np.interp(log_force, levels, row) for row in np.eye(levels.size)], axis=1)
 
 
-def _turn_on(calibration: Calibration, codes: Floats, force_n: Floats) -> Calibration:
-    """Set the force below which the sheet does not conduct, from readings of 0 [readings, taxels].
+def _turn_on(calibration: Calibration, g: Floats, force_n: Floats) -> Calibration:
+    """Set the force below which the sheet does not conduct, from conductances over factors; keep it if none tells.
 
-    It is the least force that reads a code, if a reading of 0 contradicts the law: the median of the taxels, as some
-    may be broken.
+    Those of less than half of the law lie below it, and others above, with as few exceptions as can be, for some taxels
+    may be broken. It is then the least force above that conducts. Forces whose law is below a code and a half tell
+    nothing.
     """
-    law_a = calibration.v_bias_v * calibration.curve.conductance_s(force_n)
-    silent = (codes == 0) & (law_a > 1.5 * calibration.step_a.max())
-    least = np.where(codes > 0, force_n, np.inf).min(axis=0)
-    force_on = float(np.median(np.where(silent.any(axis=0), least, 0.0)))
-    return dataclasses.replace(calibration, curve=dataclasses.replace(calibration.curve, force_on_n=force_on))
+    curve = dataclasses.replace(calibration.curve, force_on_n=0.0)
+    by_law = curve.conductance_s(force_n)
+    told = calibration.v_bias_v * by_law > 1.5 * calibration.step_a.max()
+    order = np.argsort(force_n[told], kind="stable")
+    force, silent = force_n[told][order], (g < 0.5 * by_law)[told][order]
+    exceptions = np.append(0, np.cumsum(np.where(silent, -1, 1)))  # more than with none below it
+    if (below := int(np.argmin(exceptions))) == 0:
+        return calibration
+    curve = dataclasses.replace(curve, force_on_n=float(force[min(below, force.size - 1)]))
+    return dataclasses.replace(calibration, curve=curve)
 
 
 def _own_laws(
@@ -701,7 +708,7 @@ def fit_memory(
         modes.append(dataclasses.replace(mode, factor_part=(1 + mode.factor_part) * shift - 1))
     uncertain = COVERAGE_SIGMA * float(np.hypot(loop_sigma / 2, sigma[2]))
     made = dataclasses.replace(
-        _turn_on(calibration, seen, force),
+        _turn_on(calibration, g, force),
         memory=memory,
         modes=tuple(modes),
         factor=calibration.factor * level,

@@ -630,7 +630,9 @@ class Table:
             return self._as_in_file(chosen)
         if len(parts) != 1:
             listed = ", ".join(f"{len(g)} of {self.names[g[0]]}" for g in parts[:6]) or "no taxels by number"
-            allowed = "--part N for one of several arrays; a line with one value is not read"
+            allowed = (
+                "--part N for one of several arrays; a line with one value is not read: write a line a frame"
+            )
             raise self._unclear(listed, allowed)
         columns, first = parts[0], self.names[parts[0][0]]
         texts = _template(first)[0].split("#")
