@@ -6,7 +6,6 @@ from __future__ import annotations
 import difflib
 import functools
 import re
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -91,16 +90,16 @@ def refuse(lines: Sequence[str]) -> None:
         raise InputError(*opened[-1], ".ends or .endif after it")
 
 
-def warn_of_ignored(said: str) -> None:
-    """Warn of what ngspice says that it ignores of a netlist; InputError for a subcircuit with the name of another."""
-    ignored = [line for line in said.splitlines() if "ignored" in line]
-    for line in ignored:
+def ignored(said: str) -> list[str]:
+    """Return what ngspice says that it ignores of a netlist; InputError for a subcircuit with the name of another."""
+    lines = dict.fromkeys(
+        line.removeprefix("stderr ").strip() for line in said.splitlines() if "ignored" in line
+    )
+    for line in lines:
         if found := re.search(r"redefinition of \.subckt ([^\s,]+)", line):
-            raise InputError(
-                "netlist", ".subckt", found[1], "one subcircuit of a name: ngspice ignores the second"
-            )
-    for line in dict.fromkeys(ignored):
-        warnings.warn(f"ngspice: {line.removeprefix('stderr ').strip()}", stacklevel=3)
+            allowed = "one subcircuit of a name: ngspice ignores the second"
+            raise InputError("netlist", ".subckt", found[1], allowed)
+    return list(lines)
 
 
 def breaks(lines: Sequence[str]) -> bool:

@@ -16,6 +16,7 @@ import importlib.util
 import math
 import os
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -206,7 +207,8 @@ class NgspiceHalf:
             text = _array(ctypes.c_char_p, [*lines, *extra, ".end", None])
             if self._lib.ngSpice_Circ(text) or "stderr Error" in self._said():  # which its code may not say
                 self.fail(what="ngspice refuses the deck")
-            netlist_faults.warn_of_ignored(self._said())
+            for line in netlist_faults.ignored(self._said()):
+                warnings.warn(f"ngspice: {line}", stacklevel=3)
             self._lib.ngSpice_Command(how.optran.encode())
 
         nodesets: list[str] = []
