@@ -231,7 +231,7 @@ def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, 
     One is dead if it reads below `LEAST_CODE` above its start, or a fifth of what others read, in every load that
     presses it as hard as most and under which most of the hard pressed taxels read twice that code. One is stuck if it
     reads full scale in every load, and in one at least where most taxels of that force do not; or `STUCK` of the
-    largest reading, and in one at least without a force: a short behind a multiplexer reads no full scale.
+    largest reading, and in two at least without a force: a short behind a multiplexer reads no full scale.
     """
     codes = np.array([np.median(load.codes, axis=0) for load in loads])
     force = np.array([load.force_n for load in loads])
@@ -244,7 +244,8 @@ def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, 
     dead = telling.any(axis=0) & ~(telling & (above >= np.maximum(LEAST_CODE, 0.2 * typical))).any(axis=0)
     full = calibration.full_code
     stuck = (codes >= full).all(axis=0) & (~pressed | (typical < full.min())).any(axis=0)
-    short = (codes >= STUCK * codes.max()).all(axis=0) & (force == 0).any(axis=0) & (codes.min() < LEAST_CODE)
+    # One load without a force may have a wrong map.
+    short = (codes >= max(STUCK * codes.max(), LEAST_CODE)).all(axis=0) & ((force == 0).sum(axis=0) > 1)
     reasons = {"does not respond to loads": dead, "reads as a short without a load": short}
     reasons["reads full scale without a load"] = stuck
     return {(int(r), int(c)): said for said, taxels in reasons.items() for r, c in np.argwhere(taxels)}
