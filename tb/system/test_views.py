@@ -144,13 +144,24 @@ def test_what_transistors_cannot_do_is_refused_by_name(
 
 
 @pytest.mark.paper
-def test_transistors_are_those_that_are_drawn_whatever_the_design(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (
+            {"converter": {"i0_a": 20e-6}, "interface": {"v_bias_v": 0.4}},
+            r"i0_a = 2e-05: 2\.5e-05, the size of",
+        ),
+        ({"interface": {"topology": "direct", "k": 160}}, "k = 160: 80, the size of the sky130 channel"),
+    ],
+)
+def test_transistors_are_those_that_are_drawn_whatever_the_design(
+    changed: Table, said: str, tmp_path: Path
+) -> None:
     path = tmp_path / "drawn.toml"
     path.write_text(
         '[array]\nrows = 1\ncols = 1\n[stimulus]\nkind = "uniform"\nr_ohm = [1e3]\n[run]\nviews = "sky130"'
     )
-    changed = {"converter": {"i0_a": 20e-6}, "interface": {"v_bias_v": 0.4}}
-    with pytest.raises(InputError, match=r"i0_a = 2e-05: 2\.5e-05, the size of the sky130 channel"):
+    with pytest.raises(InputError, match=said):
         dermis.simulate(path, engine="cosim", design=changed)
 
 

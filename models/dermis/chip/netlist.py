@@ -124,16 +124,14 @@ def refuses(plan: Plan) -> InputError | None:
         block = next(b for b in CONVERTER if b not in channel)
         allowed = '"sky130" as the rest of the channel: the direct interface has blocks of other sizes'
         return InputError(world.path, f"run.views.{block}", '"behavioural"', allowed)
-    if plan.topology == "direct" and channel and interface.k != design.interface.k:
-        allowed = f"{design.interface.k}, the size of the sky130 direct interface"
-        return InputError(world.path, "interface.k", interface.k, allowed)
     if not channel and "conveyor" not in blocks:
         return None
     mirror, ratios = plan.topology == "conveyor_mirror" and "conveyor" in blocks, design.interface.k_options
     if mirror and ratios != sky130.MIRROR_RATIOS:
         made = f"{sky130.MIRROR_RATIOS}, the ratios of the sky130 mirror"
         return InputError("models/design.toml", "interface.k_options", ratios, made)
-    for key, made in sky130.DRAWN.items():
+    drawn = {"k": sky130.DIRECT_K} if plan.topology == "direct" else {}
+    for key, made in (drawn | sky130.DRAWN).items():
         if (value := getattr(interface, key)) != made:
             allowed = f'{made:g}, the size of the sky130 channel, or run.views = "behavioural"'
             return InputError(world.path, f"interface.{key}", value, allowed)

@@ -203,6 +203,8 @@ def supplies(vdd_v: float, vss_v: float, scale: float = 1.0) -> tuple[str, ...]:
 
 DRAWN = {"i0_a": 25e-6, "c_int_f": 5e-12}
 """Charge source and integrator of spice/sky130."""
+DIRECT_K = 80
+"""Size of its channel_direct."""
 MIRROR_RATIOS = [20, 40, 80, 160]
 """Ratios of spice/sky130/mirror.sp, by the code of its pins."""
 
