@@ -163,7 +163,7 @@ class Netlist:
         found = {
             f"{what}: {source} ({before or 'any time'}) -> {target} ({after})"
             for what, (source, before), (target, after) in self.paths
-            if what in ("raw reset", "gates before", "not reset") or before != after
+            if what not in ("data", "reset") or before != after
         }
         allowed = [
             f"{rule['what']}: (?:{rule['from']}) \\(.*\\) -> (?:{rule['to']}) \\(.*\\)"

@@ -214,8 +214,7 @@ def parse(text: str, source: Path) -> dict[str, Subckt]:
     InputError for a name that is there twice, one without its end, or another statement.
     """
     found: dict[str, Subckt] = {}
-    here: Subckt | None = None
-    name = ""
+    here = ""
     text = re.sub(r"\[(\d+)\]", r"\1", text.lower())
     lines = [line for line in text.splitlines() if line.strip() and line[0] != "*"]
     for line in "\n".join(lines).replace("\n+", " ").splitlines():
@@ -224,18 +223,18 @@ def parse(text: str, source: Path) -> dict[str, Subckt]:
         pairs = {k.strip(): _value(v) for k, v in (w.split("=", 1) for w in words if "=" in w)}
         first = words[0]
         if first == ".subckt" and not here and plain[1] not in found:
-            name = plain[1]
-            here = found[name] = Subckt(plain[2:], pairs, {}, [])
-        elif first == ".ends" and here and plain[1:] in ([], [name]):
-            here = None
-        elif here and first[0].isalpha() and first not in here.elements:
-            here.elements[first] = plain[1:], pairs
+            here = plain[1]
+            found[here] = Subckt(plain[2:], pairs, {}, [])
+        elif first == ".ends" and here and plain[1:] in ([], [here]):
+            here = ""
+        elif here and first[0].isalpha() and first not in found[here].elements:
+            found[here].elements[first] = plain[1:], pairs
         elif first not in (".include", ".end"):
             raise InputError(
                 source, "statement", line, "an element or .subckt with a new name, or the .ends of it"
             )
     if here:
-        raise InputError(source, ".subckt", name, ".ends behind its elements")
+        raise InputError(source, ".subckt", here, ".ends behind its elements")
     return found
 
 

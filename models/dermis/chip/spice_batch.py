@@ -130,7 +130,7 @@ def _attempt(
         extra += _guess(tool, deck, text, extra, limit_s)
         start = ladder.START[0]
     said, code = _ngspice(tool, deck, _with(text, extra, [start.optran]), limit_s)
-    netlist_faults.ignored(said)  # models of a process have parameters of other simulators, which may be
+    netlist_faults.refuse_redefinition(said)
     exceeded, said = _exceeded(said), _EXCEEDED.sub("", said)
     if found := _ABORT.search(said):
         time = _TIME.search(said)

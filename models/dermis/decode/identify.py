@@ -176,10 +176,12 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     if len(bad) > SHARE_BAD * len(loads) or middle > 0.2:
         worst = ", ".join(sorted(by_load, key=lambda n: -by_load[n])[:4])
         said = f"loads contradict each other by {middle:.0%} of a reading"
-        few = f", or {len(loads)} are too few to tell the network from them" if len(loads) < FEW_LOADS else ""
-        few += ", or the sheet is not linear (law in [start])" if kind == "linear" else ""
+        said += (
+            f", or {len(loads)} are too few to tell the network from them" if len(loads) < FEW_LOADS else ""
+        )
+        said += ", or the sheet is not linear (law in [start])" if kind == "linear" else ""
         odd = "".join(f"; taxel {r} {c} {reason}" for (r, c), reason in [*bad_taxels.items()][:4])
-        raise ContradictionError(f"{said}{few}; largest: {worst}{odd}")
+        raise ContradictionError(f"{said}; largest: {worst}{odd}")
     good = [load for load in loads if load.name not in bad]
     own = fit.calibration.own if len(fit.calibration.own) < fit.calibration.factor.size / 2 else ()
     forces = np.unique([load.force_n for load in good])
@@ -201,17 +203,18 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     part = np.where(unread, UNKNOWN_PART, fit.calibration.factor_part)
     made = dataclasses.replace(fit.calibration, factor_part=part, notes=(*calibration.notes, *notes))
     currents = made.step_a * (np.array([np.median(load.codes, axis=0) for load in good]) - made.start_code)
-    g = _conductances(made, made.array(), currents) / made.factor
-    made = _turn_on(made, g, np.nan_to_num([load.force_n for load in good]))
-    elsewhere = tuple(_elsewhere(made, good, bad_taxels))
+    g = _conductances(made, made.array(), currents)
+    made = _turn_on(made, g / made.factor, np.nan_to_num([load.force_n for load in good]))
+    elsewhere = tuple(_elsewhere(made, good, g, bad_taxels))
     return SheetFit(made, fit.values, remarks, tuple(bad), bad_taxels, elsewhere)
 
 
-def _elsewhere(made: Calibration, loads: list[Load], bad_taxels: Taxels) -> Iterator[str]:
+def _elsewhere(
+    made: Calibration, loads: list[Load], conductances: Floats, bad_taxels: Taxels
+) -> Iterator[str]:
     """Yield where a taxel that is good conducts as if pressed without a force, or a tenth of that with one."""
-    for load in loads:
-        currents = made.step_a * (np.median(load.codes, axis=0) - made.start_code)
-        g, force = _conductances(made, made.array(), currents[np.newaxis])[0], load.force_n
+    for load, solved in zip(loads, conductances, strict=True):
+        g, force = solved.copy(), load.force_n
         for place in bad_taxels:
             g[place] = np.nan
         pressed, known = force > 0, np.isfinite(g) & np.isfinite(force)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines of a netlist on which ngspice would end the process, or stop without naming them, and those that it ignores."""
+"""What of a netlist would end the process of ngspice, stop it without being named, or be ignored."""
 
 from __future__ import annotations
 
@@ -63,10 +63,10 @@ def refuse(lines: Sequence[str]) -> None:
         if name.startswith(".opt") and "interp" in words:
             raise InputError(*place, line, "without interp, which moves the samples to other times")
         # Files of a process have options of other simulators as well.
-        for word in re.findall(r"([a-z]\w*)\s*=", line.lower()) if name.startswith(".opt") else ():
-            near = difflib.get_close_matches(word, _OPTIONS, 1, 0.8)
-            if near and word not in _OPTIONS and place[0] == "netlist":
-                raise InputError(*place, line, f"ngspice has no option {word}; is it {near[0]}?")
+        if name.startswith(".opt") and place[0] == "netlist":
+            for word in re.findall(r"([a-z]\w*)\s*=", line.lower()):
+                if word not in _OPTIONS and (near := difflib.get_close_matches(word, _OPTIONS, 1, 0.8)):
+                    raise InputError(*place, line, f"ngspice has no option {word}; is it {near[0]}?")
         if name[0] == "o":
             raise InputError(*place, line, "a lossless line t, or a lossy one of type y (txl)")
         if re.fullmatch(_ANALYSES, name):
@@ -90,16 +90,12 @@ def refuse(lines: Sequence[str]) -> None:
         raise InputError(*opened[-1], ".ends or .endif after it")
 
 
-def ignored(said: str) -> list[str]:
-    """Return what ngspice says that it ignores of a netlist; InputError for a subcircuit with the name of another."""
-    lines = dict.fromkeys(
-        line.removeprefix("stderr ").strip() for line in said.splitlines() if "ignored" in line
-    )
-    for line in lines:
-        if found := re.search(r"redefinition of \.subckt ([^\s,]+)", line):
-            allowed = "one subcircuit of a name: ngspice ignores the second"
-            raise InputError("netlist", ".subckt", found[1], allowed)
-    return list(lines)
+def refuse_redefinition(said: str) -> None:
+    """Refuse a subcircuit with the name of another, which ngspice ignores and `said` in passing."""
+    if found := re.search(r"redefinition of \.subckt ([^\s,]+)", said):
+        raise InputError(
+            "netlist", ".subckt", found[1], "one subcircuit of a name: ngspice ignores the second"
+        )
 
 
 def breaks(lines: Sequence[str]) -> bool:

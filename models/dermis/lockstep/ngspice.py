@@ -207,8 +207,10 @@ class NgspiceHalf:
             text = _array(ctypes.c_char_p, [*lines, *extra, ".end", None])
             if self._lib.ngSpice_Circ(text) or "stderr Error" in self._said():  # which its code may not say
                 self.fail(what="ngspice refuses the deck")
-            for line in netlist_faults.ignored(self._said()):
-                warnings.warn(f"ngspice: {line}", stacklevel=3)
+            netlist_faults.refuse_redefinition(self._said())
+            for line in self._said().splitlines():
+                if "ignored" in line:
+                    warnings.warn(f"ngspice: {line.removeprefix('stderr ')}", stacklevel=3)
             self._lib.ngSpice_Command(how.optran.encode())
 
         nodesets: list[str] = []

@@ -72,9 +72,13 @@ def circuit_digests(folder: Path = CIRCUIT) -> dict[str, str]:
     return {f.name: hashlib.sha256(said(f).encode()).hexdigest()[:12] for f in files}
 
 
-def _values_digest(data: Mapping[str, Any]) -> str:
-    """Return a digest of the channels of a file."""
-    channels = {name: table for name, table in data.items() if name != "source"}
+def _read(path: Path) -> tuple[_Source, dict[str, Any]]:
+    """Return where a file comes from, and its channels."""
+    channels = read_toml(path)
+    return validate(_Source, channels.pop("source", {}), path, "source"), channels
+
+
+def _values_digest(channels: Mapping[str, Any]) -> str:
     return hashlib.sha256(repr(channels).encode()).hexdigest()[:12]
 
 
@@ -87,14 +91,13 @@ def models_digest(corner: str) -> str:
 
 def stale(path: Path, circuit: Path = CIRCUIT, with_models: bool = True) -> str:
     """Return the reason why the values of a file may be out of date, or an empty text."""
-    data = read_toml(path)
-    source = validate(_Source, data.get("source", {}), path, "source")
+    source, channels = _read(path)
     have = circuit_digests(circuit)
     changed = sorted(n for n in have.keys() | source.circuit.keys() if have.get(n) != source.circuit.get(n))
     causes = [f"spice/sky130 has changed since ({', '.join(changed)})"] if changed else []
     if with_models and models_digest(source.corner) != source.models:
         causes.append("the transistor models have changed since")
-    if _values_digest(data) != source.values:
+    if _values_digest(channels) != source.values:
         causes.append("values were written by hand")
     stored = load().stored()
     if other := [key for key, value in source.design.items() if stored.get(key) != value]:
@@ -137,16 +140,12 @@ def write(corner: str, temperature_c: float, channels: Mapping[str, list[Measure
     return path
 
 
-def channels_of(path: Path) -> dict[str, Any]:
-    """Return the tables of a file by channel, each an [effects] table.
-
-    Raises InputError if the file holds an unknown channel or effect, or a wrong value.
-    """
-    data = {name: table for name, table in read_toml(path).items() if name != "source"}
+def _checked(channels: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Return the channels of a file, each an [effects] table; InputError for an unknown one, or a wrong value."""
     known = {channel(t, k) for t in TOPOLOGIES for k in (20, 40, 80, 160)}
-    for name in sorted(data.keys() - known):
+    for name in sorted(channels.keys() - known):
         raise InputError(path, name, "(a table)", f"one of {', '.join(sorted(known))}")
-    return {name: validate(EffectsTable, table, path, name) for name, table in data.items()}
+    return {name: validate(EffectsTable, table, path, name) for name, table in channels.items()}
 
 
 def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
@@ -162,16 +161,17 @@ def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
     if not path.exists():
         there = ", ".join(sorted(p.stem for p in FOLDER.glob("*.toml"))) or "none"
         raise InputError(file, key, path.stem, f"a condition that was extracted: {there}")
-    if why := stale(path, with_models=False):  # the transistor models may not be installed
-        warnings.warn(why, stacklevel=2)
+    source, tables = _read(path)
     have = design.stored() | {f"converter.{name}": getattr(interface, name) for name in ("i0_a", "c_int_f")}
-    for name, measured in validate(_Source, read_toml(path)["source"], path, "source").design.items():
-        if have[name] != measured:
+    for name, then in source.design.items():
+        if have[name] != then:
             leaf = name.split(".")[1]
             shown = f"interface.{leaf}" if hasattr(interface, leaf) else name
-            allowed = f"{measured:g} with effects.extracted: the circuit was measured with it ({AGAIN})"
+            allowed = f"{then:g} with effects.extracted: the circuit was measured with it ({AGAIN})"
             raise InputError(file, shown, have[name], allowed)
-    channels = channels_of(path)
+    if why := stale(path, with_models=False):  # the transistor models may not be installed
+        warnings.warn(why, stacklevel=2)
+    channels = _checked(tables, path)
     name = channel(interface.topology, interface.k)
     if name not in channels:
         raise InputError(file, key, name, f"a channel that was extracted there: {', '.join(channels)}")
