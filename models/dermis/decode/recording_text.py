@@ -210,7 +210,16 @@ def cells_of(line: str, mark: str | None) -> list[str]:
 
 
 def _bare(cells: list[str]) -> list[str]:
-    return [cell.strip(" []()") for cell in cells]
+    """Return cells without brackets; (1,2) is a pair and no number."""
+    return [cell if re.fullmatch(r"[\[(].*,.*[\])]", cell) else cell.strip(" []()") for cell in cells]
+
+
+def _are_places(cells: list[str]) -> bool:
+    """Return True for the names (0,0), (0,1), ... of a whole array, which are no numbers with a decimal comma."""
+    found = [re.fullmatch(r"[\[(]?(\d{1,3}),(\d{1,3})[\])]?", cell) for cell in cells]
+    places = [match.groups() for match in found if match]
+    rows, cols = (len(set(numbers)) for numbers in zip(*places, strict=True)) if places else (0, 0)
+    return len(places) > 3 and len(set(places)) == len(places) == rows * cols
 
 
 def decimal(number: str) -> float:
@@ -357,8 +366,9 @@ class Table:
     def _starts(self, line: str) -> bool:
         if _is_comment(line) or LABEL.match(line):
             return False
-        filled = [cell for cell in _bare(cells_of(line, self.mark)) if cell]
-        good = sum(map(is_number, filled))
+        cells = cells_of(line, self.mark)
+        filled = [cell for cell in _bare(cells) if cell]
+        good = 0 if _are_places(cells) else sum(map(is_number, filled))
         return good > len(filled) / 2 or (good > 0 and any(is_number(c, seconds_of) for c in filled))
 
     def _cells(self, line: str) -> list[str]:

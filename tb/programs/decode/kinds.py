@@ -510,6 +510,11 @@ CASES: dict[str, Case] = {
     "a unit in a sentence": Case("# forces in mN\n" + table(None), SIZE | RATE, **NEWTONS),
     "two units in comments": Case("# unit: N\n# unit: mN\n" + table(None), SIZE | RATE, says="several units"),
     "names with a comma": csv(lambda r, c: f'"p[{r},{c}]"', {"t": seconds()}, options={}),
+    "pairs as names": csv(lambda r, c: f'"{r},{c}"', options=RATE),
+    "pairs in brackets": csv(lambda r, c: f'"({r},{c})"', {"t": seconds()}, options={}, order="columns"),
+    "a pair in a cell": Case(
+        't,a,b\n0.0,"[1,2]",3\n0.1,"[2,3]",4\n', {"rows": 1, "cols": 2, "taxels": (1, 2)}, asks="--taxels"
+    ),
     "rows with a time of their own": Case(OWN_TIMES, {"cols": COLS}),
     "doubled frames": csv(flat, TWICE_SEQ, frames=DOUBLED, values=DOUBLED, says="twice"),
     "day and month that tell each other": csv(flat, DAYS_FIRST, time_s=86400.0 * np.arange(COUNT)),
