@@ -37,6 +37,12 @@ RANGE_COLUMNS = ("R [ohm]", "F [N]", "x", "f [Hz]", "code", "code by eq. (3)", "
 Changes = dict[str, float | int | None]
 """New values of some targets; None removes one."""
 
+CHOSEN = (
+    "interface.v_bias_v", "interface.k", "converter.i0_a", "converter.c_int_f", "converter.f_clk_hz",
+    "timing.gate_clocks",
+)  # fmt: skip
+"""Values that the calculator chooses, where they are no targets."""
+
 _target = partial(entry, None)
 
 
@@ -191,8 +197,9 @@ class Answer:
         new["timing"]["code_bits"] = self.bits
         # A k within k_distance of an option is that option.
         new["interface"]["k"] = round(self.k)
-        # An edge is 1/200 of the clock, or that of the base where it is shorter.
-        new["converter"]["t_edge_s"] = min(base.converter.t_edge_s, float(1 / self.f_clk_hz / 200))
+        if self.f_clk_hz > exact(base.converter.f_clk_hz):
+            # An edge is 1/200 of a faster clock at most.
+            new["converter"]["t_edge_s"] = min(base.converter.t_edge_s, float(1 / self.f_clk_hz / 200))
         new["integrator"] = {"gain_dc": float(self.targets.gain_dc or base.integrator.gain_dc)}
         # The same parts of full scale.
         grown = self.k * self.i0_a / (exact(base.interface.k) * exact(base.converter.i0_a))
@@ -228,12 +235,15 @@ _at_least, _at_most = (partial(_digits, digits=6, rounding=way) for way in (math
 
 
 def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
-    """Size the chip for the targets; values that they omit are those of `base`, by default models/design.toml.
+    """Size the chip for the targets; values that they omit are chosen, or those of `base` (models/design.toml).
 
-    The answer is always complete; `feasible` is False and `rows` has the reason where it cannot be
-    built. InputError if targets contradict one another (r_max_ohm below r_min_ohm).
+    Without any target it judges `base` as it is. The answer is always complete; `feasible` is False and `rows` has the
+    reason where it cannot be built. InputError if targets contradict one another (r_max_ohm below r_min_ohm).
     """
     targets, base = targets or Targets(), base or design_module.load()
+    if targets == Targets():
+        stored = {key.partition(".")[2]: value for key, value in base.stored().items() if key in CHOSEN}
+        targets = make_targets(**stored)
     take = targets.take
 
     topology = targets.topology or base.interface.topology
@@ -326,6 +336,7 @@ def _charge(
         k = Fraction(nearest) if abs(k / nearest - 1) <= exact(spec()["calculator.k_distance"].max) else k
     else:
         ideal = full_scale_a / (wanted_c * swing * f_clk)
+        ideal *= 1 - Fraction(1, 10**12)  # a design that was written has its values as doubles
         k = Fraction(next((o for o in base.interface.k_options if o >= ideal), base.interface.k_options[-1]))
         i0 = full_scale_a / k
     c_int = wanted_c if targets.c_int_f is not None else i0 / f_clk / swing
@@ -561,7 +572,7 @@ def write_design(answer: Answer, path: Path = design_module.DESIGN_FILE) -> list
 def calc_command(write: bool, **values: Any) -> None:
     """Size the chip: clock, gate, i0, V_b, k and C from the targets given.
 
-    Without options it prints the design of models/design.toml. Exit 1: a limit is missed; the
+    Without options it judges the design of models/design.toml as it is. Exit 1: a limit is missed; the
     verdict names the nearest targets that meet it. Exit 2: a target is invalid, or --write was
     given and a limit is missed.
     """

@@ -92,6 +92,26 @@ def test_feasible_targets_become_a_design_that_meets_them(targets: dict[str, Any
     assert vfc.count_exact(low, gate) >= 1
 
 
+def test_a_design_edited_by_hand_is_judged_as_it_is() -> None:
+    design = dd.load().replace(converter={"c_int_f": 1e-11, "f_clk_hz": 5.2e6})
+    assert (answer := solve(base=design)).feasible
+    assert answer.design() == design
+    loose = design.replace(sensor={"r_min_ohm": 800.0})
+    row = judged(solve(base=loose))["full_scale_code_error_lsb"]
+    # 510 x 0.5 V / (80 x 25 uA x 800 ohm) + 1/2
+    assert (row["status"], row["value"]) == ("FAIL", 159 - 255)
+
+
+@settings(deadline=None, max_examples=100, derandomize=True)
+@given(targets)
+def test_the_same_targets_change_nothing_in_a_design_of_theirs(targets: dict[str, Any]) -> None:
+    first = solve(make_targets(**in_range(targets)))
+    assume(first.feasible)
+    again = solve(make_targets(**in_range(targets)), first.design())
+    assert (again.k, again.gate_clocks, again.slot_clocks) == (first.k, first.gate_clocks, first.slot_clocks)
+    assert math.isclose(again.c_int_f, first.c_int_f, rel_tol=1e-12)
+
+
 def judged(answer: calculator.Answer) -> dict[str, verdict.Row]:
     return {row["name"].removeprefix("calculator."): row for row in answer.rows}
 
