@@ -76,7 +76,7 @@ EFFECTS = (
     exact_effect(
         "mux_leakage",
         "leakage of open switches into the columns, before the mirror",
-        {"i_a": column("Into every column, in A", 2e-5, (1e-10, 1e-5))},
+        {"i_a": column("Into the line of every column, in A", 2e-5, (1e-10, 1e-5))},
         {"i_a": "row_driver.i_leak_a"},
         network={"i_leak_a": "i_a"},
     ),

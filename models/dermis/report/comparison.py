@@ -47,15 +47,17 @@ def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray
     return float(slope), float(offset), code - (slope * force + offset)
 
 
-NO_REFERENCE = (
-    "neither closed nor event is another engine that takes its effects; compare runs of rtl or cosim"
-)
-
-
 def _reference(made: Plan) -> str | None:
     """Return the engine to compare with, `closed` or `event`; None if neither can do the plan."""
     # Not engines.cheapest: an engine that refuses a value becomes a SKIP row with its reason.
     return next((e for e in ("closed", "event") if e != made.engine and not engines.refused(made, e)), None)
+
+
+def _no_reference(made: Plan) -> str:
+    """Return why nothing is compared, and the engines whose runs can be."""
+    others = [e for e in ("rtl", "cosim") if e != made.engine and not engines.refused(made, e)]
+    advice = f"; compare with a run of {' or '.join(others)}" if others else ""
+    return f"neither closed nor event is another engine that has its effects{advice}"
 
 
 def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row]:
@@ -63,7 +65,7 @@ def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row
     ideal = replace(made, views=BEHAVIOURAL)
     key = f"frame.transistor_error_lsb.{name}"
     if (reference := _reference(ideal)) is None:
-        return [verdict.skip(key, NO_REFERENCE)]
+        return [verdict.skip(key, _no_reference(made))]
     exact = engines.run(replace(ideal, engine=reference)).codes.astype(float)
     inside = (exact > 0) & (exact < made.timing.code_max) & (codes < made.timing.code_max)
     note = f"{codes.size} codes against engine {reference}, as read: gain and offset of the channels"
@@ -96,11 +98,12 @@ def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None
     if made.views.in_transistors(made.topology):
         return _compare_transistors(made, codes, name)
     rows: list[Row] = []
-    refused, reference = NO_REFERENCE, _reference(made)
-    if reference is not None:
+    refused, reference = "", _reference(made)
+    if reference is None:
+        refused = _no_reference(made)
+    else:
         try:
             error = np.abs(codes - engines.run(replace(made, engine=reference)).codes)
-            refused = ""
         except InputError as refusal:  # it honours the fields, but not these values
             refused = str(refusal)
     if refused:
