@@ -225,6 +225,8 @@ class Calibration:
             first = "; ".join(f"{r} {c}" for r, c in unread[:4]) + (" ..." if len(unread) > 4 else "")
             said = f"{counted(len(unread), 'taxel')} without a response to force (row, column {first})"
             yield f"{said}: totals lack them, and what they carry moves their neighbours"
+        if not self.noise_code:
+            yield "no reading was repeated, or none differed: intervals are those of readings without noise"
         if not self.memory.active and not self.uncorrected_part:
             yield "no [[cycle]] was measured: intervals are those of a sheet without hysteresis and creep"
 

@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,7 @@ class Recording:
 
     values : [frames, rows, cols] in the unit of the file; 0 where there is no taxel, NaN where a value is missing.
     time_s : [frames] from the first frame.
+    start_ns : time of the first frame by the clock of the file; 0 with a rate in place of times.
     present : [rows, cols].
     time_from : where the times come from.
     unit : one of UNITS, if the file says it.
@@ -69,6 +71,7 @@ class Recording:
     area_mm2: float | None = None
     order: str = ""
     ignored: tuple[str, ...] = field(default=())
+    start_ns: int = 0
 
     @property
     def t_frame_s(self) -> float:
@@ -93,7 +96,7 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
         data, name = _unpacked(path, data), path.with_suffix("") if path.suffix.lower() == ".gz" else path
     suffix = name.suffix.lower()
     columns = not bag and (data.startswith(b"PAR1") or suffix not in BINARY)
-    for key in ("key",) if columns else ("skip", "taxels", "part", "header"):
+    for key in ("key",) if columns else ("skip", "taxels", "header", *(["part"] if not bag else [])):
         if (given := getattr(layout, key)) not in (None, False):
             raise InputError(path, f"--{key}", given, "no such option: it is not for this kind of file")
     if bag:
@@ -122,9 +125,9 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
         allowed = "a finite number; 1e15 for an open taxel in ohm"
         raise InputError(path, place_of(infinite), float(frames[infinite][0]), allowed)
     frames = _gaps(path, frames, layout.gaps)
-    time_s, source = _times(path, found, len(frames), layout)
-    ignored = tuple(found.ignored)
-    return Recording(frames, time_s, ~absent, source, found.unit, found.area_mm2, found.order, ignored)
+    time_s, source, start_ns = _times(path, found, len(frames), layout)
+    told = found.unit, found.area_mm2, found.order, tuple(found.ignored)
+    return Recording(frames, time_s, ~absent, source, *told, start_ns)
 
 
 @contextlib.contextmanager
@@ -195,6 +198,8 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
         time_unit, unit = _unit_of(time), _unit_of(values) or _unit_set(sets)
         left = [n for n, item in sets.items() if item is not values and n != name]
         values, time = _physical(values), None if time is None else _physical(time)
+        if time is not None and time.dtype.kind in "mM":
+            time, time_unit = time.astype(f"{time.dtype.kind}8[ns]").astype(np.int64), "ns"
     values = values.T if reversed_axes else values
     if values.dtype.kind not in "biuf":
         raise InputError(path, "--key", str(values.dtype), "an array of real numbers")
@@ -203,9 +208,12 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
         if np.spacing(np.nanmax(time)) > 0.1 * step:
             allowed = "times of more digits than float32 has, or --rate"
             raise InputError(path, str(name), f"steps of {step:g}", allowed)
-    time = None if time is None else np.asarray(time, dtype=float).ravel()
-    found = Found(np.asarray(values, dtype=float), time, binary=True, ignored=left)
+    found = Found(np.asarray(values, dtype=float), binary=True, ignored=left)
     if name is not None:
+        if time.dtype.kind in "iu" and abs(int(time.flat[0])) > 2**52:  # a double would lose digits
+            found.start = int(time.flat[0])
+            time = time.astype(object) - found.start
+        found.time = np.asarray(time, dtype=float).ravel()
         named, stated = text.time_unit_of(name), text.time_unit_of(time_unit)
         if named and stated and named != stated and layout.time_unit is None and layout.rate_hz is None:
             allowed = f"--time-unit {named} or {stated}: its name says {named}"
@@ -263,19 +271,25 @@ def _members(data: bytes, path: Path, layout: Layout) -> dict[str, Any]:
         names = [name for name in (layout.key, layout.time_key, *more) if name is not None]
     found = {}
     for name in names or [None]:
-        with contextlib.suppress(InputError if layout.key is None else ()):  # an array of objects
-            array = npz_member(data, path.name, name, "iufMU")
-            stamps = array.dtype.kind == "M"
-            found[name] = array.astype("datetime64[ns]").astype(np.int64) if stamps else array
+        found[name] = np.empty(0, object)  # of an array that cannot be read
+        with contextlib.suppress(InputError if layout.key is None else ()):
+            found[name] = npz_member(data, path.name, name, "iufmMU")
     return found
 
 
 def _chosen(path: Path, sets: dict[str, Any], layout: Layout) -> tuple[Any, Any, str | None]:
     """Return the array of the taxels, that of the times or None, and its name."""
-    numeric = {n: i for n, i in sets.items() if i.dtype.kind in "iuf"}
+    moments = {n: i for n, i in sets.items() if i.dtype.kind in "mM"}
+    numeric = {n: i for n, i in sets.items() if i.dtype.kind in "iuf"} | moments
     large = [n for n, i in numeric.items() if i.ndim >= 2 and min(i.shape) > 0 and i.size > max(i.shape)]
-    large = large or [n for n, i in numeric.items() if i.ndim >= 2]
-    key = large[0] if layout.key is None and len(large) == 1 else layout.key
+    timed = {n for n in numeric if n == layout.time_key or text.is_time(n.split("/")[-1])} | {*moments}
+    # A single taxel, unless an array that cannot be read may be the frames.
+    others = [n for n, i in sets.items() if n not in timed and i.size != 1]
+    sure, large = (
+        len(large or others) == 1,
+        large or [n for n in others if n in numeric and sets[n].ndim >= 2],
+    )
+    key = large[0] if layout.key is None and large and sure else layout.key
     if key not in numeric:
         listed = ", ".join(large[:10]) or "none of numbers in two dimensions"
         raise InputError(path, "--key", key, f"a data set of the file: {listed}")
@@ -286,9 +300,8 @@ def _chosen(path: Path, sets: dict[str, Any], layout: Layout) -> tuple[Any, Any,
         raise InputError(path, "--time-key", name, "a data set: " + ", ".join(list(numeric)[:10]))
     if name is None and layout.rate_hz is None:
         lengths = {n: i.size for n, i in numeric.items() if i.size == max(i.shape, default=0)}
-        fitting = [n for n, size in lengths.items() if size in numeric[key].shape]
-        timed = [n for n in fitting if text.is_time(n.split("/")[-1])]
-        name = timed[0] if len(timed) == 1 else None
+        fitting = [n for n, size in lengths.items() if size in numeric[key].shape and n in timed - {key}]
+        name = fitting[0] if len(fitting) == 1 else None
     return numeric[key], None if name is None else numeric[name], name
 
 
@@ -437,8 +450,8 @@ def _split(path: Path, values: Floats, layout: Layout, by_line: bool, shape: lis
     raise InputError(path, "columns", f"{count} taxels", f"{rows * cols}, as --rows {rows} --cols {cols} say")
 
 
-def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Floats, str]:
-    """Return the times of frames in seconds from the first, and where they are from."""
+def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Floats, str, int]:
+    """Return the times of frames in seconds from the first, where they are from, and the first one in nanoseconds."""
     time, number = found.time, found.number
     if number is not None and frames > 1:
         steps = np.diff(number)
@@ -450,9 +463,9 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
     if layout.rate_hz is not None:
         _warn_of_other_times(path, found, frames, layout.rate_hz)
         number = np.arange(frames) if number is None else number - number[0]
-        return number / layout.rate_hz, "option --rate"
+        return number / layout.rate_hz, "option --rate", 0
     if frames == 1:
-        return np.zeros(1), "a single frame"
+        return np.zeros(1), "a single frame", 0
     if time is None:
         raise InputError(path, "time", "not in the file", "--rate in frames a second, or --time-key")
     if found.values.ndim == 2 and time.size == len(found.values) and time.size % frames == 0:
@@ -496,7 +509,8 @@ def _times(path: Path, found: Found, frames: int, layout: Layout) -> tuple[Float
     if lost.any():
         said = f"{lost.sum()} of {frames - 1} steps of time differ from the median by more than half"
         warn(path, f"{said}, the first after frame {int(np.argmax(lost))}: frames lost?")
-    return (time - time[0]) * TIME_UNITS[unit], f"{found.time_from}, in {unit}"
+    start_ns = (found.start + Fraction(time[0])) * Fraction(str(TIME_UNITS[unit])) * 10**9
+    return (time - time[0]) * TIME_UNITS[unit], f"{found.time_from}, in {unit}", round(start_ns)
 
 
 def _warn_of_other_times(path: Path, found: Found, frames: int, rate_hz: float) -> None:

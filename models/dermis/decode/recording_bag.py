@@ -5,6 +5,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Iterator, Mapping
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,12 @@ def read(path: Path, layout: Layout) -> Found:
     # A bag of sqlite3 need not say its types: those of a release with long support.
     with reader([path], default_typestore=types.get_typestore(types.Stores.ROS2_HUMBLE)) as bag:
         topic, name = _chosen(path, bag, layout)
-        frames, received, stamps, total = [], [], [], 0
-        for _, moment, message in _messages(bag, topic):
+        frames, received, stamps, senders, total = [], [], [], {}, 0
+        for kind, moment, message in _messages(bag, topic):
+            header = getattr(message, "header", message)
+            sender = senders.setdefault((kind, getattr(header, "frame_id", "")), len(senders) + 1)
+            if layout.part not in (None, sender):
+                continue
             frame = _arrays(path, message, layout).get(name)
             shape = None if frame is None else frame.shape
             if frame is None or (frames and shape != frames[0].shape):
@@ -41,10 +46,15 @@ def read(path: Path, layout: Layout) -> Found:
                 raise InputError(path, f"message {len(frames)} of {topic}", shape, allowed)
             if (total := total + frame.size) > VALUES_MAX:
                 raise InputError(path, topic, "more values", f"at most {VALUES_MAX} values in all")
-            stamp = getattr(getattr(message, "header", message), "stamp", None)
+            stamp = getattr(header, "stamp", None)
             frames.append(frame)
             received.append(moment)
             stamps.append(stamp.sec * 10**9 + stamp.nanosec if hasattr(stamp, "nanosec") else 0)
+    if not frames or (layout.part is None and len(senders) > 1):
+        listed = ", ".join(
+            f"{n} {frame or 'without a name'} ({kind})" for (kind, frame), n in senders.items()
+        )
+        raise InputError(path, "--part", layout.part, f"one of the sensors of {topic}: {listed}")
     if layout.time_key not in (None, "reception"):
         raise InputError(path, "--time-key", layout.time_key, "reception, for a bag; else the stamps")
     values = np.stack(frames).astype(float)
@@ -55,7 +65,9 @@ def read(path: Path, layout: Layout) -> Found:
         late = int((np.diff(time) < 0).sum())
         warn(path, f"{late} messages have an earlier stamp than the one before: sorted by their stamps")
     # Differences of whole nanoseconds are exact; a double holds those since 1970 to 256 ns.
-    found = Found(values[order], np.array([time[k] - time[order[0]] for k in order]) * 1e-9, "s", source)
+    start = time[order[0]]
+    since_s = np.array([time[k] - start for k in order]) * 1e-9
+    found = Found(values[order], since_s, "s", source, Fraction(start, 10**9))
     found.shape, found.by_line = values.shape[1:] if values.ndim == 3 else None, values.ndim == 2
     found.order = f"row by row, {name or 'data'} of {topic}"
     return found
@@ -158,10 +170,12 @@ def _multi_array(path: Path, layout: Any, data: NDArray, size: int | None) -> ND
     return array.T if turned else array
 
 
-def write(directory: Path, topics: Mapping[str, NDArray], time_s: NDArray, storage: str) -> None:
+def write(
+    directory: Path, topics: Mapping[str, NDArray], time_s: NDArray, storage: str, start_ns: int = 0
+) -> None:
     """Write a bag, a directory that must not be there, in "mcap" or "sqlite3": a Float64MultiArray a frame.
 
-    `topics` has [frames, rows, cols] by topic, and `time_s` [frames] is written to 1 ns.
+    `topics` has [frames, rows, cols] by topic, and `time_s` [frames] from `start_ns` is written to 1 ns.
     """
     rosbag2 = optional("rosbags.rosbag2", "recordings")
     types = optional("rosbags.typesys", "recordings")
@@ -170,7 +184,8 @@ def write(directory: Path, topics: Mapping[str, NDArray], time_s: NDArray, stora
     dimension = kinds["std_msgs/msg/MultiArrayDimension"]
     with rosbag2.Writer(directory, version=9, storage_plugin=rosbag2.StoragePlugin[storage.upper()]) as bag:
         connections = {topic: bag.add_connection(topic, kind, typestore=store) for topic in topics}
-        for n, moment in enumerate(np.round(np.asarray(time_s) * 1e9).astype(np.int64).tolist()):
+        moments = start_ns + np.round(np.asarray(time_s) * 1e9).astype(np.int64)
+        for n, moment in enumerate(moments.tolist()):
             for topic, frames in topics.items():
                 rows, cols = frames.shape[1:]
                 dims = [dimension("rows", rows, rows * cols), dimension("cols", cols, cols)]

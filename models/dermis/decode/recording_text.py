@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -75,8 +76,8 @@ FACTORS = {
         "kgf/cm2": 98.0665, "g/cm2": 0.0980665,
     },
     "newtons": {
-        "n": 1.0, "newtons": 1.0, "kg": 9.80665, "kgf": 9.80665, "g": 9.80665e-3, "gf": 9.80665e-3, "lbs": 4.4482216,
-        "lbf": 4.4482216, "mn": 1e-3, "cn": 1e-2, "kn": 1e3,
+        "n": 1.0, "newton": 1.0, "newtons": 1.0, "kg": 9.80665, "kgf": 9.80665, "g": 9.80665e-3, "gf": 9.80665e-3,
+        "lbs": 4.4482216, "lbf": 4.4482216, "mn": 1e-3, "cn": 1e-2, "kn": 1e3,
     },
     "ohm": {"ohm": 1.0, "ohms": 1.0, "ω": 1.0, "kohm": 1e3, "kω": 1e3},
 }  # fmt: skip
@@ -93,7 +94,7 @@ _STATED = re.compile(
     re.IGNORECASE,
 )
 """Unit of the values in a comment."""
-KNOWN = "npy, npz, mat, HDF5 and bags are known by their suffix"
+KNOWN = "npy, npz, mat, HDF5 and ROS 2 bags (.mcap, .db3) are known by their suffix"
 PLACES_MAX = 1 << 16
 """The largest array: 256 x 256."""
 
@@ -142,7 +143,7 @@ class Found:
 
     values : [lines, taxels], [frames, rows, cols], or the axes of a binary file; NaN where a value is missing.
     time : [frames] or [lines], in `time_unit` if that is known.
-    start : added to `time` to give stamps since 1970, where that would lose digits.
+    start : added to `time` to give the times of the file, where that would lose digits.
     number : numbers of the frames, where the file has them.
     by_line, binary : a line, or a part of the first axis, is a frame; an array whose axes may be in any order.
     unit, factor : of `recording.UNITS`, and what values of the file were multiplied by.
@@ -152,7 +153,7 @@ class Found:
     time: Floats | None = None
     time_unit: str | None = None
     time_from: str = "the file"
-    start: float = 0.0
+    start: Fraction | int = 0
     number: Floats | None = None
     by_line: bool = False
     binary: bool = False
@@ -817,7 +818,7 @@ class Table:
                 raise self._ask(self.names[keys[-1]], max(fine[0]), f"below {per_s}, or --time-key")
             ticks = [int(s if s.isdigit() else seconds_of(s)) * per_s + int(part) for s, part in pairs]
             found.time = past_midnight(np.array([t - ticks[0] for t in ticks], dtype=float) / per_s)
-            found.time_unit = "s"
+            found.time_unit, found.start = "s", Fraction(ticks[0], per_s)
             return
         filled = [c for c in cells if c.lower() not in _EMPTY]
         plain = not filled or (is_number(filled[0]) and not all(map(_DIGITS.fullmatch, filled)))
@@ -826,8 +827,8 @@ class Table:
             raise self._ask("time", quoted(bad), "a date and time, a clock, or a number, in every line")
         if whole and abs(int(cells[0])) > 2**52:
             # Differences of whole stamps are exact; a double holds nanoseconds since 1970 to 256 ns.
-            found.start = float(cells[0])
-            found.time = np.array([int(c) - int(cells[0]) for c in cells], dtype=float)
+            found.start = int(cells[0])
+            found.time = np.array([int(c) - found.start for c in cells], dtype=float)
         else:
             found.time = np.array([math.nan if c.lower() in _EMPTY else read(c) for c in cells])
         if read is seconds_of:

@@ -481,7 +481,7 @@ def write(
     codes, found, rows = results
     summary = said | dict(zip(("frames", "rows", "cols"), codes.shape, strict=True))
     summary |= {"taxels": int(rec.present.sum()), "t_frame_s": rec.t_frame_s if len(codes) > 1 else None}
-    summary |= {"time_from": rec.time_from, "verdicts": rows}
+    summary |= {"time_from": rec.time_from, "start_ns": rec.start_ns, "verdicts": rows}
     missing = np.isnan(rec.values)
     # A code that is missing in the file is missing in the results.
     shown = np.where(missing, np.nan, codes) if missing.any() else codes
@@ -504,7 +504,7 @@ def write(
     with tempfile.TemporaryDirectory(dir=target, prefix=".bag_") as held:
         if bag is not None:
             topics = {f"/dermis/{n}": np.where(rec.present, getattr(found, n), np.nan) for n in _BAGGED}
-            recording_bag.write(Path(held) / "bag", topics, rec.time_s, bag)
+            recording_bag.write(Path(held) / "bag", topics, rec.time_s, bag, max(rec.start_ns, 0))
         # A summary is there only with the files that it describes.
         for name in ("summary.json", "forces.h5"):
             (target / name).unlink(missing_ok=True)

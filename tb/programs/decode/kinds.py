@@ -232,6 +232,12 @@ def flat_mat(path: Path) -> None:
     scipy.io.savemat(path, {"P": FRAMES.transpose(0, 2, 1).reshape(COUNT, -1), "t": TIME})
 
 
+def cells_mat(path: Path) -> None:
+    frames = np.empty((COUNT, 1), object)
+    frames[:, 0] = [*FRAMES]
+    scipy.io.savemat(path, {"force": frames, "time": TIME[:, None]})
+
+
 def mat73(path: Path) -> None:
     # MATLAB 7.3 is HDF5 behind 512 bytes of its own; arrays have their axes reversed.
     with h5py.File(path, "w", userblock_size=512) as file:
@@ -306,8 +312,8 @@ T = STORE.types
 WHOLE = np.floor(FRAMES * 100)
 
 
-def header(ns: int) -> Any:
-    return T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9), "palm")
+def header(ns: int, name: str = "palm") -> Any:
+    return T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9), name)
 
 
 def bag(
@@ -391,6 +397,10 @@ SHEAR = images(lambda f: np.stack([0 * f, f, f + 1], 2).astype("<f4"), "32FC3")
 BIG = images(lambda f: f.astype(">u2"), "16UC1", 4)
 LATER = BIG[0], [*BIG[1][:4], BIG[1][5], BIG[1][4], *BIG[1][6:]]
 OWN = own("Touch", lambda ns, f: (header(ns), ROWS, COLS, single(f), 0 * single(f)))
+HALF_NS = 10_000_000
+THUMB = own("Touch", lambda ns, f: (header(ns + HALF_NS, "thumb"), ROWS, COLS, single(1 + 0 * f), single(f)))
+BOTH = OWN[0], [message for pair in zip(OWN[1], THUMB[1], strict=True) for message in pair]
+BOTH_NS = [ns for stamp in STAMPS for ns in (stamp, stamp + HALF_NS)]
 STAMPED = own("Stamped", lambda ns, f: (header(ns).stamp, single(f)))
 LISTED = own("Listed", lambda ns, f: (header(ns), [T["sensor_msgs/msg/ChannelFloat32"]("palm", single(f))]))
 LATE = [ns + 3_000_000 * (n % 3) for n, ns in enumerate(STAMPS)]
@@ -727,6 +737,11 @@ CASES: dict[str, Case] = {
     },
     "npz": npz(NAMED | {"note": np.array("left")}, SIZE),
     "npz, datetime64": npz({"force": FRAMES, "time": np.array(STAMPS, "datetime64[ns]")}, SIZE),
+    "npz, timedelta64": npz({"force": FRAMES, "time": 20 * np.arange(COUNT, dtype="m8[ms]")}, SIZE),
+    "npz, no array but the times": npz(
+        {"force": FRAMES.astype(str), "time": TIME[:, None]}, {}, asks="--key"
+    ),
+    "mat, cells beside times": Case(cells_mat, asks="--key", file="a.mat"),
     "npz, parts of a second": npz({"force": FRAMES} | SECONDS, SIZE, asks="--time-key"),
     "npz, by name": npz(NAMED | {"note": np.array("left")}, SIZE | {"key": "force"}),
     "npz, with its unit": npz(NAMED | {"unit": "mN"}, SIZE, **NEWTONS),
@@ -756,6 +771,8 @@ CASES: dict[str, Case] = {
     "32FC3": bag(SHEAR, asks="--axes"),
     "a channel of 32FC3": bag(SHEAR, {"axes": ("frames", "rows", "cols", 1)}, SINGLE),
     "rgb8": bag(images(lambda f: np.zeros((4, 6, 3), "u1"), "rgb8"), {"key": "/skin"}, asks="mono16"),
+    "two sensors on a topic": bag(BOTH, {"key": "/skin.force"}, received=BOTH_NS, asks="--part"),
+    "one of two sensors on a topic": bag(BOTH, {"key": "/skin.force", "part": 1}, SINGLE, received=BOTH_NS),
     "two topics": bag({"/skin": DOUBLES, "/other": DOUBLES}, asks="--key"),
     "one of two topics": bag({"/skin": DOUBLES, "/other": FLOATS}, {"key": "/skin"}),
     "a field of an own message": bag({"/a": OWN}, {"key": "/a.force"}, SINGLE, received=LATE),
