@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 from scipy.stats import f as f_distribution
+from scipy.stats import theilslopes
 
 from dermis.array.array import Network
 from dermis.decode import crosstalk, law
@@ -69,6 +70,8 @@ CURRENTS_OFF = 0.03
 """Share of the full scale by which readings of test currents may differ from a straight line: any mismatch is less."""
 CYCLE_OFF = 5.0
 """Roundings and noises that the readings of a cycle may be off, rms: 1.3 where forces and codes belong together."""
+DRIFT_SURE = 0.999
+"""Confidence in the sign of a drift from load to load."""
 FEW_LOADS = 8
 """Loads below which a large residual may be that of a fit that does not find the network."""
 SHARE_BAD = 0.34
@@ -141,7 +144,8 @@ class SheetFit:
     """A calibration with its values and standard uncertainties by name, and remarks on them.
 
     `bad` names loads that were left out, `bad_taxels` taxels that do not read a force, with the reason; `elsewhere`
-    says where a taxel is pressed without a force, or the reverse.
+    says where a taxel is pressed without a force, or the reverse. `drift` is by how much forces of the last load read
+    more than those of the first, relative; 0 where it may be chance.
     """
 
     calibration: Calibration
@@ -150,6 +154,7 @@ class SheetFit:
     bad: tuple[str, ...]
     bad_taxels: dict[tuple[int, int], str] = dataclasses.field(default_factory=dict)
     elsewhere: tuple[str, ...] = ()
+    drift: float = 0.0
 
 
 def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFit:
@@ -171,6 +176,7 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     # What they read blames no load.
     loads = [dataclasses.replace(one, force_n=np.where(unread, np.nan, one.force_n)) for one in loads]
     fit, by_load = _fit_loads(calibration, loads, kind)
+    drift = fit.drift  # of all loads
     middle = np.median(list(by_load.values()))
     bad = [name for name, rms in by_load.items() if rms > BAD_LOAD * max(middle, RESIDUAL_MIN)]
     if len(bad) > SHARE_BAD * len(loads) or middle > 0.2:
@@ -205,14 +211,19 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     currents = made.step_a * (np.array([np.median(load.codes, axis=0) for load in good]) - made.start_code)
     g = _conductances(made, made.array(), currents)
     made = _turn_on(made, g / made.factor, np.nan_to_num([load.force_n for load in good]))
-    elsewhere = tuple(_elsewhere(made, good, g, bad_taxels))
-    return SheetFit(made, fit.values, remarks, tuple(bad), bad_taxels, elsewhere)
+    odd = list(_elsewhere(made, good, g, bad_taxels))
+    bad += [f"{name} (forces at other places)" for name, _, most in odd if most]
+    places = tuple(f"{name}: {place}" for name, place, _ in odd)
+    return SheetFit(made, fit.values, remarks, tuple(bad), bad_taxels, places, drift)
 
 
 def _elsewhere(
     made: Calibration, loads: list[Load], conductances: Floats, bad_taxels: Taxels
-) -> Iterator[str]:
-    """Yield where a taxel that is good conducts as if pressed without a force, or a tenth of that with one."""
+) -> Iterator[tuple[str, str, bool]]:
+    """Yield where a taxel that is good conducts as if pressed without a force, or a tenth of that with one.
+
+    Load, place, and once a load if most of its strong forces are such places.
+    """
     for load, solved in zip(loads, conductances, strict=True):
         g, force = solved.copy(), load.force_n
         for place in bad_taxels:
@@ -223,9 +234,14 @@ def _elsewhere(
         # Where all forces are at wrong places their taxels read nothing.
         typical = max(np.median(g[pressed & known]), 0.25 * g[known].max())
         strong = pressed & (force >= np.median(force[pressed]))
-        wrong = known & ((~pressed & (g > 0.5 * typical)) | (strong & (g < 0.1 * typical)))
-        for r, c in np.argwhere(wrong):
-            yield f"{load.name}: row {r}, column {c} reads {'no ' if pressed[r, c] else 'a '}force"
+        lost = known & strong & (g < 0.1 * typical)
+        most = 2 * lost.sum() > (known & strong).sum()
+        for n, (r, c) in enumerate(np.argwhere(lost | (known & ~pressed & (g > 0.5 * typical)))):
+            yield (
+                load.name,
+                f"row {r}, column {c} reads {'no ' if pressed[r, c] else 'a '}force",
+                most and n == 0,
+            )
 
 
 def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, int], str]:
@@ -514,7 +530,17 @@ def _fit_loads(
         own={divmod(t, calibration.cols): c for t, c in own.items()},
         law_part=law_part,
     )
-    return SheetFit(made, values, remarks, ()), by_load
+    return SheetFit(made, values, remarks, (), drift=_drift(misfit, which)), by_load
+
+
+def _drift(misfit: Floats, which: NDArray[np.integer]) -> float:
+    """Return the drift of a `SheetFit` from relative errors of readings of the loads `which`, in order of time."""
+    loads = np.unique(which)
+    if loads.size < 3:
+        return 0.0
+    levels = [np.median(misfit[which == n]) for n in loads]
+    slope, _, low, high = theilslopes(levels, loads, alpha=DRIFT_SURE)
+    return float(slope * np.ptp(loads)) if low * high > 0 else 0.0
 
 
 def _weight(calibration: Calibration, codes: Floats) -> Floats:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parquet, as pandas, polars and pyarrow write it: a table whose columns have names."""
 
+import dataclasses
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,8 +30,10 @@ class Columns(Table):
             if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
                 columns |= self._parts(name, column.to_pylist())
             elif types.is_timestamp(kind) or types.is_duration(kind):
-                name = name if is_time(name) or layout.time_key == name else f"time {name}"
-                columns[f"{name} [{kind.unit}]"] = column.cast("int64").to_numpy()
+                said = f"{name if is_time(name) else f'time {name}'} [{kind.unit}]"
+                columns[said] = column.cast("int64").to_numpy()
+                if layout.time_key == name:
+                    self.layout = dataclasses.replace(layout, time_key=said)
             elif types.is_dictionary(kind) or types.is_string(kind) or types.is_large_string(kind):
                 columns[name] = [cell or "" for cell in column.to_pylist()]
             elif types.is_decimal(kind):

@@ -22,6 +22,8 @@ DRIFT_SIGMA = 4.0
 """Standard uncertainties by which a column's gain may differ from the older calibration ..."""
 DRIFT_MIN = 0.005
 """... and the relative difference that is a drift in any case: 1.3 codes at full scale."""
+DRIFT_MAX = 0.05
+"""Relative drift from the first to the last load: creep is some per cent."""
 STEP = 2.0
 """Ratio of the current of a code to that of the design from which on the test currents have another unit."""
 STEADY = 1.25
@@ -198,6 +200,9 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             odd = "; ".join(fit.elsewhere[:4])
             share = len(fit.elsewhere) / max(pressed, 1)
             said.append(verdict.within("calibrate.misplaced_share", share, "1", None, MISPLACED_MAX, odd))
+            remark = "what forces read under the last load over the first: gain, supply, temperature; or, with loads "
+            remark += "in the order of their forces, another law"
+            said.append(verdict.within("calibrate.drift", fit.drift, "1", -DRIFT_MAX, DRIFT_MAX, remark))
             named = ", ".join(fit.bad)
             said.append(verdict.within("calibrate.bad_loads", len(fit.bad), "loads", None, 0, named))
         for cycle in table.cycle:

@@ -631,6 +631,9 @@ CASES: dict[str, Case] = {
     "a letter in a number": Case(table(None).replace("0", "x", 1), SIZE | RATE, asks="a number"),
     "a line or a frame": Case("1 2 3 4\n" * 8, RATE, asks="--rows 2 --cols 2 if a line is a frame"),
     "three names of two columns": Case("a,b,c\n1,2\n", RATE, asks="header = 3 names"),
+    "Parquet, a duration by its name": parquet(
+        {"lasted": pd.to_timedelta(TIME, unit="s"), **columns(flat)}, SIZE | {"time_key": "lasted"}
+    ),
     "Parquet, stamps of 1970": parquet({"t": pd.to_datetime(TIME, unit="s"), **columns(flat)}, SIZE),
     # Damaged files.
     "no mcap": Case(b"no bag", asks="a readable", file="a.mcap"),
