@@ -237,11 +237,8 @@ def _elsewhere(
         lost = known & strong & (g < 0.1 * typical)
         most = 2 * lost.sum() > (known & strong).sum()
         for n, (r, c) in enumerate(np.argwhere(lost | (known & ~pressed & (g > 0.5 * typical)))):
-            yield (
-                load.name,
-                f"row {r}, column {c} reads {'no ' if pressed[r, c] else 'a '}force",
-                most and n == 0,
-            )
+            said = f"row {r}, column {c} reads {'no ' if pressed[r, c] else 'a '}force"
+            yield load.name, said, most and n == 0
 
 
 def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, int], str]:

@@ -96,7 +96,8 @@ def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
         data, name = _unpacked(path, data), path.with_suffix("") if path.suffix.lower() == ".gz" else path
     suffix = name.suffix.lower()
     columns = not bag and (data.startswith(b"PAR1") or suffix not in BINARY)
-    for key in ("key",) if columns else ("skip", "taxels", "header", *(["part"] if not bag else [])):
+    foreign = ("key",) if columns else ("skip", "taxels", "header") + (() if bag else ("part",))
+    for key in foreign:
         if (given := getattr(layout, key)) not in (None, False):
             raise InputError(path, f"--{key}", given, "no such option: it is not for this kind of file")
     if bag:
@@ -210,7 +211,9 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
             raise InputError(path, str(name), f"steps of {step:g}", allowed)
     found = Found(np.asarray(values, dtype=float), binary=True, ignored=left)
     if name is not None:
-        if time.dtype.kind in "iu" and abs(int(time.flat[0])) > 2**52:  # a double would lose digits
+        if (
+            time.size and time.dtype.kind in "iu" and abs(int(time.flat[0])) > 2**52
+        ):  # a double would lose digits
             found.start = int(time.flat[0])
             time = time.astype(object) - found.start
         found.time = np.asarray(time, dtype=float).ravel()
@@ -285,10 +288,8 @@ def _chosen(path: Path, sets: dict[str, Any], layout: Layout) -> tuple[Any, Any,
     timed = {n for n in numeric if n == layout.time_key or text.is_time(n.split("/")[-1])} | {*moments}
     # A single taxel, unless an array that cannot be read may be the frames.
     others = [n for n, i in sets.items() if n not in timed and i.size != 1]
-    sure, large = (
-        len(large or others) == 1,
-        large or [n for n in others if n in numeric and sets[n].ndim >= 2],
-    )
+    sure = len(large or others) == 1
+    large = large or [n for n in others if n in numeric and sets[n].ndim >= 2]
     key = large[0] if layout.key is None and large and sure else layout.key
     if key not in numeric:
         listed = ", ".join(large[:10]) or "none of numbers in two dimensions"
