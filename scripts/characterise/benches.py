@@ -559,6 +559,8 @@ CODES_A_UNIT: dict[str, float] = {
     "capacitor_error": 0.5,
     # On 16 taxels of 500 ohm, 32 mS.
     "column_offset_v": 16 / 500 / 80 / 25e-6 * 510,
+    # Of a full row of 500 ohm.
+    "row_driver_r_ohm": 255.0 * 16 / 500,
     # A late decision is x packets a clock of 200 ns late.
     "comparator_delay_s": 0.5 / 200e-9,
 }

@@ -9,6 +9,7 @@ from dermis.errors import InputError
 from dermis.report.progress import slots
 from scripts.characterise import results
 from scripts.characterise.benches import BENCHES, SUMS
+from scripts.characterise.results import CLASS
 from scripts.characterise.runs import NUMERICS, SAMPLES, Runs, jobs_of
 from scripts.judged import SHOW, finish
 
@@ -48,7 +49,9 @@ def quantity_of(word: str) -> str:
 
 @click.command("characterise", context_settings=SHOW)
 @click.option("--only", multiple=True, metavar="NAME", help="A bench or row (repeatable).")
-@click.option("--at", metavar="CORNER,C,SUPPLY", help="One condition, ss,-40,0.9; * stands for all of them.")
+@click.option(
+    "--at", multiple=True, metavar="CORNER,C,SUPPLY", help="A condition, ss,-40,0.9; * for all (repeatable)."
+)
 @click.option("--sample", type=click.IntRange(1, 10**6), help="One draw of the mismatch, at --at or typical.")
 @click.option("--samples", "many", type=click.IntRange(0, 10**6), help=f"Draws of the mismatch; {SAMPLES}.")
 @click.option("--jobs", default=2, type=click.IntRange(1, 256), help="Processes at a time.")
@@ -57,7 +60,7 @@ def quantity_of(word: str) -> str:
 @click.option("--docs", is_flag=True, help="Write table and figures of docs/characterise.md.")
 def characterise_command(
     only: tuple[str, ...],
-    at: str | None,
+    at: tuple[str, ...],
     sample: int | None,
     many: int | None,
     jobs: int,
@@ -66,11 +69,11 @@ def characterise_command(
     docs: bool,
 ) -> int:
     """The transistor blocks over corners, temperatures, supplies and mismatch, against their limits."""
-    part = bool(only) or at is not None or sample is not None
+    part = bool(only or at) or sample is not None
     whole = not part and not short and (many is None or many >= SAMPLES)
     if docs and not whole:
         raise InputError("command line", "--docs", "a part", f"all benches and at least {SAMPLES} samples")
-    if short and (at is not None or sample is not None):
+    if short and (at or sample is not None):
         raise InputError("command line", "--short", "with a condition", "one of the two")
     if sample is not None and many is not None:
         raise InputError("command line", "--sample and --samples", sample, "one of the two")
@@ -85,7 +88,7 @@ def characterise_command(
         runs.run(jobs, on_done)
     found = results.series(runs.outcomes)
     if wanted and len(wanted) == len(only):
-        found = [one for one in found if any(_covers(w, one.only) for w in wanted)]
+        found = [one for one in found if one.only == CLASS or any(_covers(w, one.only) for w in wanted)]
     rows = [one.row() for one in found]
     if whole:
         results.write_values(runs.outcomes)

@@ -162,7 +162,8 @@ SAMPLES, SHORT_SAMPLES = 100, 2
 _TRAN = re.compile(r"^(\.tran\s+)([\d.]+)([a-z]*)", re.MULTILINE | re.IGNORECASE)
 
 # The text of a bench, and options that replace its own, by the way to solve its transient. The step
-# of .tran is the largest that ngspice takes; half_step also halves the tolerances that choose it.
+# of .tran is the largest that ngspice takes; half_step also halves the tolerances that choose it. An operating point
+# has `tight` alone, at every condition.
 NUMERICS: Mapping[str, Callable[[Bench], tuple[str, Mapping[str, float | str]]]] = {
     "": lambda bench: (bench.body, {}),
     "half_step": lambda bench: (
@@ -172,6 +173,7 @@ NUMERICS: Mapping[str, Callable[[Bench], tuple[str, Mapping[str, float | str]]]]
     "gear": lambda bench: (bench.body, {"method": "gear", "maxord": 2}),
     # As a frame in transistors is read (dermis.chip.netlist).
     "as_frames": lambda bench: (bench.body, OPTIONS_TRANSISTORS),
+    "tight": lambda bench: (bench.body, {"reltol": 1e-5}),
 }
 
 
@@ -219,7 +221,7 @@ def conditions(at: str | None = None) -> list[Condition]:
 
 def jobs_of(
     names: Sequence[str],
-    at: str | None,
+    at: Sequence[str],
     sample: int | None,
     many: int | None,
     short: bool,
@@ -229,8 +231,9 @@ def jobs_of(
 
     Of a condition by itself only the `ways` that are asked for.
     """
-    if at is not None or sample is not None:
-        places, ways, last = [TYPICAL] if at is None else conditions(at), ["", *ways], many or 0
+    if at or sample is not None:
+        places = list(dict.fromkeys(place for one in at for place in conditions(one))) or [TYPICAL]
+        ways, last = ["", *ways], many or 0
         begin = places[0]
         places = [replace(place, sample=sample) for place in places]
         jobs = [Job(name, place, way) for name in names for place in places for way in ways]
@@ -244,9 +247,9 @@ def jobs_of(
         numerics = [
             Job(name, place, way)
             for way in filter(None, NUMERICS)
-            for place in EXTREMES
+            for place in (places if way == "tight" else EXTREMES)
             for name in names
-            if _TRAN.search(BENCHES[name].body)
+            if bool(_TRAN.search(BENCHES[name].body)) == (way != "tight")
             and CODES_A_UNIT.keys() & {q.partition(".")[0] for q in BENCHES[name].units}
         ]
     drawn = [replace(begin, sample=n) for n in range(1, last + 1)]

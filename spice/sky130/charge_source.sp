@@ -22,9 +22,9 @@ xn_dump vdd vdd v_dump vss nmos w=5 l=0.5 k={units}
 xbias_p ibias vbp vdd vss bias_p
 xbias_cn vbp vcn vdd vss bias_cascode_n
 xbias_cp ibias vcp vdd vss bias_cascode_p
-xr_high vdd v_high vss sky130_fd_pr__res_xhigh_po w=0.69 l=131
-xr_swing v_high v_low vss sky130_fd_pr__res_xhigh_po w=0.69 l=84
-xr_low v_low vss vss sky130_fd_pr__res_xhigh_po w=0.69 l=63.8
+xr_high vdd v_high vss sky130_fd_pr__res_xhigh_po w=0.69 l=131 m={units/5} mult={units/5}
+xr_swing v_high v_low vss sky130_fd_pr__res_xhigh_po w=0.69 l=84 m={units/5} mult={units/5}
+xr_low v_low vss vss sky130_fd_pr__res_xhigh_po w=0.69 l=63.8 m={units/5} mult={units/5}
 xsteer d_charge on off v_high v_low vdd vss vdd_d vss_d steering_driver units={units}
 * A separate gate line from as many units as it feeds, because their mismatch adds: mirrors match at one width and one
 * drain voltage. Without the two cascodes the unit has 1.4 V at ss, the source 0.5 V, and the packet is 5 % too small.

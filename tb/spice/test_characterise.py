@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 from click.testing import CliRunner
 
+from dermis.chip import spice_batch
 from dermis.chip.sky130 import CORNERS, PASSIVE_CORNERS
 from dermis.errors import InputError
 from dermis.report import verdict
@@ -122,6 +123,17 @@ def test_the_command_of_a_row_measures_that_row_and_nothing_else(
     assert jobs == [Job(bench, at) for bench in names]
 
 
+def test_an_operating_point_that_hangs_on_its_tolerance_is_seen(tmp_path: Path) -> None:
+    """The current of a row in one step: a drop of 14 mV beside 0.5 V, of which the tolerance may leave 0.5 mV."""
+    outcomes = {}
+    for way in ("", "tight"):
+        job = Job("row_driver_driven", Condition("sf"), way)
+        (tmp_path / "row.sp").write_text(job.deck().replace("16m 1m", "16m 16m"))
+        outcomes[job] = runs.outcome(job, spice_batch.run(tmp_path / "row.sp"))
+    (row,) = (one.row() for one in results.series(outcomes) if one.name.startswith("numerics_lsb."))
+    assert row["status"] == "FAIL"
+
+
 # ---- the command ------------------------------------------------------------------------------------------------
 
 
@@ -186,7 +198,7 @@ def test_only_a_whole_run_replaces_what_others_read(build: Path, monkeypatch: py
 
 
 def test_a_whole_run_is_63_conditions_100_draws_and_the_numerics() -> None:
-    jobs = jobs_of(list(BENCHES), None, None, None, short=False)
+    jobs = jobs_of(list(BENCHES), (), None, None, short=False)
     places = {job.condition for job in jobs if job.condition.sample is None and not job.numerics}
     assert len(places) == 63 == len(CORNERS) * 3 * 3 + len(PASSIVE_CORNERS) * 3
     drawn = Counter(job.bench for job in jobs if job.condition.sample is not None)
@@ -195,7 +207,10 @@ def test_a_whole_run_is_63_conditions_100_draws_and_the_numerics() -> None:
     # What no code is made of is not measured in another way.
     apart = {"esd_clamp", "row_change", "sequencing_10us", "sequencing_10ms", "reference_step", "front_end"}
     apart |= {name for name in BENCHES if name.startswith("channel_")}
-    assert {job.bench for job in jobs if job.numerics} == transients - apart
+    points = {"reference", "chain_k20", "chain_k40", "chain_k80", "chain_k160", "conveyor_multi"}
+    points |= {"row_driver_driven", "row_driver_held", "comparator_offset"}
+    assert {job.bench for job in jobs if job.numerics == "tight"} == points
+    assert {job.bench for job in jobs if job.numerics} == (transients - apart) | points
 
 
 def test_a_transient_that_hangs_on_its_step_is_seen() -> None:
@@ -209,7 +224,7 @@ def test_a_transient_that_hangs_on_its_step_is_seen() -> None:
     assert (row["value"], row["status"]) == (pytest.approx(2.55), "FAIL")
     assert "--only sky130.numerics_lsb.vfc_sink.gear --at tt,27,1`" in row["note"]
     assert chosen(["sky130.numerics_lsb.vfc_sink.gear"]) == ["vfc_sink"]
-    again = jobs_of(["vfc_sink"], "tt,27,1", None, None, short=False, ways=["gear"])
+    again = jobs_of(["vfc_sink"], ["tt,27,1"], None, None, short=False, ways=["gear"])
     assert again == list(outcomes)
 
 

@@ -123,6 +123,7 @@ DIRECT = {"topology": "direct"}
           "comparator_offset", "charge_packet", "row_driver", "column_input")),
         ({"charge_source": "behavioural"}, {"charge_packet": True}, {}, "effects.charge_packet"),
         ({}, {}, {"i0_a": 20e-6}, "interface.i0_a"),
+        ({"row_driver": "sky130", "default": "behavioural"}, {}, {"v_bias_v": 1.7}, "interface.v_bias_v"),
         ({}, {}, {"c_int_f": 10e-12}, "interface.c_int_f"),
         ({}, {}, DIRECT | {"k": 40}, "interface.k"),
         ({"comparator": "behavioural"}, {}, DIRECT, "run.views.comparator"),

@@ -124,6 +124,10 @@ def refuses(plan: Plan) -> InputError | None:
         block = next(b for b in CONVERTER if b not in channel)
         allowed = '"sky130" as the rest of the channel: the direct interface has blocks of other sizes'
         return InputError(world.path, f"run.views.{block}", '"behavioural"', allowed)
+    most_v = design.supply.vdd_v * views.supply_scale
+    if "row_driver" in blocks and interface.v_bias_v > most_v:
+        allowed = f"at most {most_v:g}, the supply of row drivers in transistors"
+        return InputError(world.path, "interface.v_bias_v", interface.v_bias_v, allowed)
     if not channel and "conveyor" not in blocks:
         return None
     mirror, ratios = plan.topology == "conveyor_mirror" and "conveyor" in blocks, design.interface.k_options
