@@ -26,6 +26,13 @@ module dermis_board #(
   output wire            ready_o
 );
 
+  // A misspelt module stops every tool by name (dermis_top).
+  generate
+    if (COLS < 3 || DIVIDE < 2 || DIVIDE > 32) begin : gen_board_error
+      dermis_error_cols_must_be_3_or_more_and_divide_2_to_32 u_error ();
+    end
+  endgenerate
+
   localparam integer LAST = DIVIDE - 1;
   localparam integer HALF = DIVIDE / 2;
 

@@ -55,8 +55,11 @@ async def read_out(dut: Any) -> None:
     Clock(dut.user_clock2, 200, "ns").start()
     host = Pins(SimpleNamespace(**handles), 500_000)
     await Timer(1, "us")
+    bias = [int(dut.u_front_end.d_enable.value)]
     dut.wb_rst_i.value = 0
     await Timer(2, "us")
+    bias.append(int(dut.u_front_end.d_enable.value))
+    analyser = int(dut.la_data_out.value)
     idle = int(dut.io_oeb.value)
     await host.select()
     selected = int(dut.io_oeb.value)
@@ -69,4 +72,4 @@ async def read_out(dut: Any) -> None:
         await Timer(1, "us")
     frame = await host.frame()
     found = {"idle": idle, "selected": selected, "identity": identity, "geometry": geometry}
-    report(found | {"codes": frame.codes.tolist()})
+    report(found | {"codes": frame.codes.tolist(), "bias": bias, "analyser": analyser})

@@ -29,6 +29,8 @@ def test_chip_is_read_through_the_pads_of_the_wrapper() -> None:
     assert seen["geometry"] == 0x0808
     # The stub's comparators are always high: every second sample of a gate of 20.
     assert seen["codes"] == [[10] * 8] * 8
+    # docs/handover.md: no bias in reset; of ready, preset and frame start only preset is high before a frame.
+    assert (seen["bias"], seen["analyser"]) == ([0, 1], 0b010)
     # Only the interrupt pad drives, and the host's input while it talks.
     assert seen["idle"] == every & ~(1 << READY)
     assert seen["selected"] == every & ~(1 << READY) & ~(1 << CIPO)

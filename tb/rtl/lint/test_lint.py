@@ -150,6 +150,7 @@ def test_a_file_list_that_is_not_the_design_fails(copy: Path) -> None:
         (("GATE_CLOCKS", 0), "dermis_error_gate_clocks_must_be_1_to_65535"),
         (("BREAK_CLOCKS", 0), "dermis_error_break_clocks_must_be_1_or_more"),
         (("COLS", 129), "dermis_error_rows_and_cols_must_be_1_to_128"),
+        (("ROWS", 129), "dermis_error_rows_and_cols_must_be_1_to_128"),
         (("CODE_BITS", 17), "dermis_error_code_bits_must_be_1_to_16"),
     ],
 )

@@ -49,6 +49,10 @@ def play(simulator: str, shape: Mapping[str, int], clocks: int, trap: Path | Non
     for _ in range(clocks):
         now = random_inputs(rng, rows, now)
         steps.append(now)
+    return play_steps(simulator, shape, steps, trap)
+
+
+def play_steps(simulator: str, shape: Mapping[str, int], steps: list, trap: Path | None = None) -> Played:
     p = {"PACK_CLOCKS": PACK_CLOCKS, **shape}
     seen = run(simulator, "dermis_row_scanner", steps, [f"{n}_o" for n in OUTPUTS], p, trap)
     return [
@@ -150,6 +154,14 @@ def test_each_output_moves_on_its_edge_and_no_other_whatever_the_inputs(simulato
     assert {(o["done_test"], o["done_dark"]) for o in done} == {(0, 0), (0, 1), (1, 1)}
     assert sum(o["frame_start"] for _, o in played) > 30
     assert any(not i["enable"] and o["slot_done"] for i, o in played)
+
+
+def test_the_last_of_128_rows_and_a_long_break(simulator: str) -> None:
+    still = {f"{n}_i": 0 for n in INPUTS} | {"enable_i": 1, "continuous_i": 1, "settle_i": 30, "gate_i": 4}
+    steps = [still | {"row_mask_i": 1 << 127 | 1 << 64 | 1 << n // 100} for n in range(1200)]
+    played = play_steps(simulator, {"ROWS": 128, "BREAK_CLOCKS": 20}, steps)
+    against_the_words(played, 128, 20)
+    assert {o["done_slot"] for _, o in played if o["slot_done"]} >= {0, 5, 64, 127}
 
 
 SEEDED = {

@@ -239,10 +239,12 @@ async def lengths(dut: Any) -> None:
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def size(dut: Any) -> None:
-    """Geometry, the end of each list of registers, and a whole frame."""
+    """Geometry, the end of each list of registers, a whole frame, and one of a self-test: the longest."""
     s, chip, host = await start(dut, ratio=8)
     p = s["parameters"]
     assert await host.read(rm.GEOMETRY) == chip.rows << 8 | chip.cols
+    form = p["BREAK_CLOCKS"] << rm.FORMAT_BREAK_CLOCKS_SHIFT | chip.code_bits
+    assert await host.read(rm.FORMAT) == form
     model = RegisterModel(chip.rows, chip.cols, chip.code_bits, reset_values(p))
     for register in rm.REGISTERS.values():
         last = register.address + len(register.words(chip.rows, chip.cols, chip.code_bits)) - 1
@@ -263,6 +265,10 @@ async def size(dut: Any) -> None:
     assert number > begun
     pedestals = [0] * (chip.cols - 1) + [5]
     same(data, chip.expected(number, p["GATE_CLOCKS"], pedestal_mode=1, pedestals=pedestals))
+    await host.write(rm.CONTROL, TEST)
+    while not (frame := spi.parse_frame(await host.frame_bytes())).test:
+        pass
+    assert len(frame.slots) == chip.rows + 4
 
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")

@@ -106,15 +106,20 @@ def test_counters_of_16_bits_wrap_or_stop_in_verilator() -> None:
     assert seen["lost_after_reset"] == seen["errors_after_reset"] == 0
 
 
-SIZES = "16x16 64x64 16x1 16x1x12 128x128x16".split()
-"""Rows, columns and, where they are not 8, bits."""
+SHORT_SIZES = "9x16x8x3 3x4x9".split()
+"""Rows, columns, bits (8) and clocks of a break (1). A bank of 2^8 + 1 bytes, and two bytes for a code."""
+SIZES = "8x8 16x16 64x64 16x1 16x1x12 128x128x16".split()
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("size", ["8x8", *(pytest.param(size, marks=pytest.mark.long) for size in SIZES)])
+@pytest.mark.parametrize(
+    "size", [*SHORT_SIZES, *(pytest.param(size, marks=pytest.mark.long) for size in SIZES)]
+)
 def test_every_size_answers_and_sends_exact_frames(simulator: str, size: str) -> None:
-    rows, cols, code_bits, *_ = *map(int, size.split("x")), 8
-    run(simulator, "size", SMALL | {"ROWS": rows, "COLS": cols, "CODE_BITS": code_bits})
+    numbers = [int(number) for number in size.split("x")]
+    rows, cols, code_bits, break_clocks = numbers + [8, 1][len(numbers) - 2 :]
+    shape = {"ROWS": rows, "COLS": cols, "CODE_BITS": code_bits, "BREAK_CLOCKS": break_clocks}
+    run(simulator, "size", SMALL | shape)
 
 
 RATIOS = [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0]
