@@ -202,7 +202,8 @@ def _outcome(text: str, seconds: float, work: Path) -> Outcome:
     failed = tuple(dict.fromkeys(label.split(".")[-1] for label in _FAILED.findall(text)))
     note = ""
     if status == "UNKNOWN":
-        note = "the induction fails, and no counterexample is near enough to be found"
+        note = f"the induction fails at {', '.join(failed) or 'a step'}: it is false too far from reset to be found, "
+        note += "or its lemmas do not suffice"
     elif status not in ("PASS", "FAIL"):
         said = [line for line in text.splitlines() if "ERROR" in line or "timeout" in line.lower()]
         note = re.sub(r"^SBY \S+ \[\S+\] ", "", (said or text.strip().splitlines() or ["no output"])[-1])
