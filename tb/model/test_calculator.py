@@ -90,26 +90,20 @@ def test_feasible_targets_become_a_design_that_meets_them(targets: dict[str, Any
     asked = (Fraction(1, 2), x, Fraction(code_max - 1, gate))
     assert [vfc.count_exact(at, gate) for at in asked] == [code_max, code_max, code_max - 1]
     assert vfc.count_exact(low, gate) >= 1
+    # The same targets change nothing in it.
+    again = solve(make_targets(**in_range(targets)), design)
+    assert (again.k, again.gate_clocks, again.slot_clocks) == (answer.k, gate, answer.slot_clocks)
+    assert math.isclose(again.c_int_f, answer.c_int_f, rel_tol=1e-12)
 
 
+@pytest.mark.paper
 def test_a_design_edited_by_hand_is_judged_as_it_is() -> None:
     design = dd.load().replace(converter={"c_int_f": 1e-11, "f_clk_hz": 5.2e6})
     assert (answer := solve(base=design)).feasible
     assert answer.design() == design
     loose = design.replace(sensor={"r_min_ohm": 800.0})
-    row = judged(solve(base=loose))["full_scale_code_error_lsb"]
     # 510 x 0.5 V / (80 x 25 uA x 800 ohm) + 1/2
-    assert (row["status"], row["value"]) == ("FAIL", 159 - 255)
-
-
-@settings(deadline=None, max_examples=100, derandomize=True)
-@given(targets)
-def test_the_same_targets_change_nothing_in_a_design_of_theirs(targets: dict[str, Any]) -> None:
-    first = solve(make_targets(**in_range(targets)))
-    assume(first.feasible)
-    again = solve(make_targets(**in_range(targets)), first.design())
-    assert (again.k, again.gate_clocks, again.slot_clocks) == (first.k, first.gate_clocks, first.slot_clocks)
-    assert math.isclose(again.c_int_f, first.c_int_f, rel_tol=1e-12)
+    assert judged(solve(base=loose))["full_scale_code_error_lsb"]["value"] == 159 - 255
 
 
 def judged(answer: calculator.Answer) -> dict[str, verdict.Row]:
@@ -126,16 +120,8 @@ IMPOSSIBLE = [
     ("full_scale_code_error_lsb", {"gate_clocks": 510, "bits": 9}, "(8 bits), wanted 511"),
     ("full_scale_code_error_lsb", {"gate_clocks": 516}, "count to 258"),
     ("code_at_r_max", {"force_min_n": 0.01}, "750000 ohm"),
-    (
-        "beyond_the_chip",
-        {"rows": 200, "cols": 129, "frame_s": 0.01},
-        "array.cols = 129: the chip does 1 to 128",
-    ),
-    (
-        "beyond_the_chip",
-        {"bits": 4, "cols": 128, "rows": 4},
-        "30: the chip does 160 to 65535 clocks of a gate",
-    ),
+    ("beyond_the_chip", {"rows": 200, "cols": 129, "frame_s": 0.01}, "cols = 129: the chip does 1 to 128"),
+    ("beyond_the_chip", {"bits": 4, "cols": 128, "rows": 4}, "30: the chip does 160 to 65535 clocks"),
     ("beyond_the_chip", {"bits": 5, "gate_clocks": 62, "cols": 64}, "62: the chip does 88 to"),
     ("beyond_the_chip", {"bits": 16, "frame_s": 0.1}, "131070: the chip does"),
     ("beyond_the_chip", {"settle_fraction": 0.995, "frame_s": 2.0}, "101490: the chip does 3 to"),

@@ -161,11 +161,10 @@ def test_a_bag_of_its_own_is_read_back(tmp_path: Path, storage: str) -> None:
 def test_a_bag_has_the_times_of_what_was_read(tmp_path: Path) -> None:
     stamps = np.datetime64("2026-03-04T10:00:00.123456789") + 20_000_000 * np.arange(7)
     np.savez(tmp_path / "touch.npz", force=FRAMES, time=stamps)
-    size = ("--rows", 4, "--cols", 6, "--unit", "newtons", "--out", tmp_path / "out")
-    assert run(tmp_path / "touch.npz", *size, "--bag", "mcap")[0] == 0
+    options = *"--rows 4 --cols 6 --unit newtons --bag mcap --out".split(), tmp_path / "out"
+    assert run(tmp_path / "touch.npz", *options)[0] == 0
     found = recording.load(tmp_path / "out/forces_bag", Layout(key="/dermis/force_n"))
-    # `date -u -d 2026-03-04T10:00:00 +%s`
-    assert found.start_ns == 1_772_618_400_123_456_789
+    assert found.start_ns == 1_772_618_400_123_456_789  # date -u -d 2026-03-04T10:00:00 +%s
     assert json.loads((tmp_path / "out/summary.json").read_text())["start_ns"] == found.start_ns
 
 

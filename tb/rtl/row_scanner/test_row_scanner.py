@@ -41,18 +41,14 @@ def random_inputs(rng: random.Random, rows: int, last: dict[str, int]) -> dict[s
     return new
 
 
-def play(simulator: str, shape: Mapping[str, int], clocks: int, trap: Path | None = None) -> Played:
-    """Random inputs and the outputs after each edge, by port name without its suffix."""
-    rng, rows = random.Random(9), shape["ROWS"]
+def random_steps(rows: int, clocks: int) -> list[dict[str, int]]:
+    rng = random.Random(9)
     now = {f"{n}_i": 0 for n in INPUTS} | {"row_mask_i": (1 << rows) - 1, "settle_i": 5, "gate_i": 4}
-    steps = []
-    for _ in range(clocks):
-        now = random_inputs(rng, rows, now)
-        steps.append(now)
-    return play_steps(simulator, shape, steps, trap)
+    return [now := random_inputs(rng, rows, now) for _ in range(clocks)]
 
 
-def play_steps(simulator: str, shape: Mapping[str, int], steps: list, trap: Path | None = None) -> Played:
+def play(simulator: str, shape: Mapping[str, int], steps: list, trap: Path | None = None) -> Played:
+    """Return inputs and the outputs after each edge, by port name without its suffix."""
     p = {"PACK_CLOCKS": PACK_CLOCKS, **shape}
     seen = run(simulator, "dermis_row_scanner", steps, [f"{n}_o" for n in OUTPUTS], p, trap)
     return [
@@ -146,7 +142,7 @@ SHAPES = [{"ROWS": 4}, {"ROWS": 1}, {"ROWS": 3, "BREAK_CLOCKS": 3}]
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: "_".join(map(str, s.values())))
 def test_each_output_moves_on_its_edge_and_no_other_whatever_the_inputs(simulator: str, shape: dict) -> None:
-    played = play(simulator, shape, 8000)
+    played = play(simulator, shape, random_steps(shape["ROWS"], 8000))
     against_the_words(played, shape["ROWS"], shape.get("BREAK_CLOCKS", 1))
     done = [o for _, o in played if o["slot_done"]]
     # Seen often enough to mean something: frames of each kind, slots of each kind, cuts, waits.
@@ -159,8 +155,7 @@ def test_each_output_moves_on_its_edge_and_no_other_whatever_the_inputs(simulato
 def test_the_last_of_128_rows_and_a_long_break(simulator: str) -> None:
     still = {f"{n}_i": 0 for n in INPUTS} | {"enable_i": 1, "continuous_i": 1, "settle_i": 30, "gate_i": 4}
     steps = [still | {"row_mask_i": 1 << 127 | 1 << 64 | 1 << n // 100} for n in range(1200)]
-    played = play_steps(simulator, {"ROWS": 128, "BREAK_CLOCKS": 20}, steps)
-    against_the_words(played, 128, 20)
+    against_the_words(played := play(simulator, {"ROWS": 128, "BREAK_CLOCKS": 20}, steps), 128, 20)
     assert {o["done_slot"] for _, o in played if o["slot_done"]} >= {0, 5, 64, 127}
 
 
@@ -186,6 +181,6 @@ SEEDED = {
 @pytest.mark.parametrize("fault", SEEDED)
 def test_the_reading_finds_a_seeded_fault(fault: str, tmp_path: Path) -> None:
     wrong = changed(tmp_path, "dermis_row_scanner", SEEDED[fault])
-    played = play("icarus", SHAPES[0], 4000, wrong)
+    played = play("icarus", SHAPES[0], random_steps(4, 4000), wrong)
     with pytest.raises(AssertionError, match="edge "):
         against_the_words(played, 4, 1)

@@ -118,8 +118,8 @@ SIZES = "8x8 16x16 64x64 16x1 16x1x12 128x128x16".split()
 def test_every_size_answers_and_sends_exact_frames(simulator: str, size: str) -> None:
     numbers = [int(number) for number in size.split("x")]
     rows, cols, code_bits, break_clocks = numbers + [8, 1][len(numbers) - 2 :]
-    shape = {"ROWS": rows, "COLS": cols, "CODE_BITS": code_bits, "BREAK_CLOCKS": break_clocks}
-    run(simulator, "size", SMALL | shape)
+    more = {"CODE_BITS": code_bits, "BREAK_CLOCKS": break_clocks}
+    run(simulator, "size", SMALL | {"ROWS": rows, "COLS": cols} | more)
 
 
 RATIOS = [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0]
