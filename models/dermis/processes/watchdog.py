@@ -19,6 +19,7 @@ VARIABLE = "DERMIS_MARK"
 
 END_LIMIT_S = 10.0  # longest wait for killed processes, which the kernel may hold in a system call
 EXEC_LIMIT_S = 0.2  # longest wait for a process that is becoming another program
+ARGUMENTS_ALONE = 4  # looks that find arguments and no environment until there is none
 NO_PROGRAM = 0x200004  # a kernel thread or an exiting process: PF_KTHREAD, PF_EXITING in the kernel's sched.h
 
 Process = tuple[int, int]
@@ -48,15 +49,17 @@ def identity(pid: int) -> Process | None:
 def _environment(pid: int) -> bytes:
     """Return the environment of a process; each entry has a zero before it.
 
-    During execve a process has neither environment nor arguments: it is looked at again.
+    During execve a process has neither environment nor arguments: it is looked at again. With arguments alone it has
+    no environment, or is another user's, or becomes one program after another: that is looked at a few times.
     """
-    last = time.monotonic() + EXEC_LIMIT_S
+    last, arguments_alone = time.monotonic() + EXEC_LIMIT_S, 0
     while True:
         found = read(pid, "environ")
-        if found or time.monotonic() > last:
+        if found or arguments_alone == ARGUMENTS_ALONE or time.monotonic() > last:
             return b"\0" + found
         if read(pid, "cmdline"):
-            return b"\0" + read(pid, "environ")
+            arguments_alone += 1
+            continue
         fields = status(pid)
         if not fields or int(fields[6]) & NO_PROGRAM:
             return b""
