@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 from scipy.linalg import expm
 
-from dermis.array.array import Network, column_currents
+from dermis.array.array import Network, column_currents_by_source
 from dermis.converter import walk
 from dermis.converter.coupling import on_columns, seen_from_grounds
 from dermis.records import Plan
@@ -41,28 +41,26 @@ def _row(plan: Plan, frame: int, row: int) -> np.ndarray:
         size = len(rate)
         whole = np.zeros((size + cols, size + cols))
         whole[:size] = np.hstack([rate, drives])
-        made = [expm(whole * t) for t in (1.0, 1.0 - delay)]
+        clock = expm(whole)
+        made = clock, expm(whole * (1.0 - delay)) if delay else clock
         return [(e[:size, :size], e[:size, size:]) for e in made]
 
-    def duty(clock: float) -> tuple[np.ndarray, np.ndarray]:
-        seconds = (row * timing.slot_clocks + timing.settle_clocks + clock) / timing.f_clk_hz
-        share = min(seconds / drive.t_frame_s, 1.0) if drive.motion else 0.0
-        g_now = (1.0 - share) * g[frame] + share * behind[frame]
-        angle = 2.0 * np.pi * drive.f_ripple_hz * (frame * drive.t_frame_s + seconds) + drive.phase_ripple_rad
-        bias_v = plan.v_bias_v * (1.0 + drive.ripple * np.sin(angle))
-        return g_now, converter.duty(column_currents(Network(g_now, bias_v, **plan.surrounding))[row])
-
+    moves = bool(drive.motion or drive.ripple)
+    clocks = np.arange(timing.gate_clocks if moves else 1) + 0.5
+    seconds = (row * timing.slot_clocks + timing.settle_clocks + clocks) / timing.f_clk_hz
+    share = bool(drive.motion) * np.minimum(seconds / drive.t_frame_s, 1.0)
+    taxels = (1.0 - share)[:, None, None] * g[frame] + share[:, None, None] * behind[frame]
+    angle = 2.0 * np.pi * drive.f_ripple_hz * (frame * drive.t_frame_s + seconds) + drive.phase_ripple_rad
+    driven, rest = column_currents_by_source(Network(g[frame], plan.v_bias_v, **plan.surrounding), taxels)
+    current = driven[:, row] * (1.0 + drive.ripple * np.sin(angle))[:, None]
+    duty = converter.duty(current if rest is None else current + rest[:, row])
     state = np.concatenate([cell["w0"]] * (2 if slow else 1))
     last, before, count = (np.zeros(cols) for _ in range(3))
     high = (cell["w0"] >= cell["rise"]).astype(float)
-    moves = bool(drive.motion or drive.ripple)
-    g_now, x = duty(0.5)
-    (keep, gain), early = steps(g_now)
     for n in range(timing.gate_clocks):
-        if moves:
-            g_now, x = duty(n + 0.5)
-        if drive.motion and n % 10 == 0:
-            (keep, gain), early = steps(g_now)
+        if n == 0 or (drive.motion and n % 10 == 0):
+            (keep, gain), early = steps(taxels[n])
+        x = duty[n if moves else 0]
         charge = x - cell["packet"] * before
         seen = (early[0] @ state + early[1] @ charge)[-cols:]
         state = keep @ state + gain @ charge
