@@ -96,7 +96,7 @@ bench: setup ## speed and accuracy figures, into build/bench.json
 
 test: setup ## tests [TESTS=paths] [JOBS=2] [LONG=1: long ones as well, a browser's too] [ARGS="-k word"]
 	@$(if $(LONG),scripts/setup.sh browser && scripts/setup.sh fpga)
-	@.venv/bin/pytest -n $(JOBS) --dist worksteal $(if $(LONG),-m '') $(ARGS) $(TESTS)
+	@OPENBLAS_NUM_THREADS=1 .venv/bin/pytest -n $(JOBS) --dist worksteal $(if $(LONG),-m '') $(ARGS) $(TESTS)
 
 faults: setup ## commands that are killed, interrupted, out of disk, or lack a tool [ARGS="--only kill"]
 	@$(dermis) faults $(ARGS)
