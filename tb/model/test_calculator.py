@@ -94,6 +94,8 @@ def test_feasible_targets_become_a_design_that_meets_them(targets: dict[str, Any
     again = solve(make_targets(**in_range(targets)), design)
     assert (again.k, again.gate_clocks, again.slot_clocks) == (answer.k, gate, answer.slot_clocks)
     assert math.isclose(again.c_int_f, answer.c_int_f, rel_tol=1e-12)
+    judged = solve(None, design)
+    assert (judged.feasible, judged.slot_clocks) == (True, answer.slot_clocks)
 
 
 @pytest.mark.paper

@@ -33,7 +33,7 @@ K_BOLTZMANN_J_PER_K = 1.380649e-23
 ELECTRON_C = 1.602176634e-19
 ABSOLUTE_ZERO_C = -273.15
 # Relative tolerance of cross-checks: rounding of a value that was computed elsewhere in doubles.
-_ROUNDING = 1e-12
+ROUNDING = 1e-12
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -259,7 +259,7 @@ class Design(Strict):
         timing, sensor, converter = self.timing, self.sensor, self.converter
         slot, clocks, full = timing._slot, timing.slot_clocks, timing.code_max
         # A clock such as 1/3 MHz has no exact double: whole to 1e-12 is whole.
-        if clocks < 1 or abs(clocks - slot) > slot * _ROUNDING:
+        if clocks < 1 or abs(clocks - slot) > slot * ROUNDING:
             yield "timing.frame_s", f"a row slot frame_s / rows of whole clocks, not of {float(slot)!r}"
         # The reader needs two clocks with the row on before the gate (docs/rtl.md); it would stretch a shorter slot.
         most = clocks - timing.break_clocks - 2
@@ -278,13 +278,13 @@ class Design(Strict):
             yield "interface.k_options", "four different ratios, rising"
         if self.interface.k not in options:
             yield "interface.k", f"one of k_options = {options}"
-        if self.duty(sensor.r_min_ohm) > 0.5 * (1 + _ROUNDING):
+        if self.duty(sensor.r_min_ohm) > 0.5 * (1 + ROUNDING):
             low = self.resistance_full_scale_ohm
             yield "sensor.r_min_ohm", f"at least 2 v_bias_v / (k i0_a) = {low!r} ohm"
         t_clk_s = float(1 / exact(converter.f_clk_hz))
         if 2 * converter.t_edge_s >= t_clk_s:
             yield "converter.t_edge_s", f"below half a clock of {t_clk_s!r} s"
-        if converter.packet_v > self.swing_v * (1 + _ROUNDING):
+        if converter.packet_v > self.swing_v * (1 + ROUNDING):
             yield "converter.c_int_f", f"a packet of at most {self.swing_v!r} V on it"
         stored = self.stored()
         for key, words, holds, other in _ORDER:
