@@ -65,7 +65,10 @@ def enters(name: str) -> str:
 def parameters(name: str, design: Design | None = None) -> str:
     """Return the parameters of an effect with their defaults; names end in the unit."""
     given = sample(name, design=design).scene.effects[name].model_dump()
-    return ", ".join(f"`{key} = {_value(value)}`" for key, value in given.items()) or "none"
+    follows = {
+        key: f", or `{other}` where only that is given" for key, other in EFFECTS[name].follows.items()
+    }
+    return ", ".join(f"`{k} = {_value(v)}`{follows.get(k, '')}" for k, v in given.items()) or "none"
 
 
 def _value(value: Any) -> str:

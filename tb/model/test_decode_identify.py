@@ -290,13 +290,27 @@ def test_a_session_of_the_chip_needs_its_test_currents_in_ampere(
         run(path)
 
 
-def test_grams_in_place_of_newtons_are_noticed(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("factor", "sensor", "status", "words"),
+    [
+        (102.0, "", 1, r"sensitivity_ratio .* FAIL"),  # grams
+        (0.2248, "", 0, r"warning: .* no \[sensor\]"),  # pounds
+        (0.2248, "[sensor]\n", 0, r"warning: .*conducts 4\.\d+ times"),
+    ],
+)
+def test_another_unit_for_newtons_is_noticed(
+    tmp_path: Path, factor: float, sensor: str, status: int, words: str
+) -> None:
     path = write_session(tmp_path)
-    for n, load in enumerate(loads()):
-        np.save(tmp_path / f"force_{n}.npy", load.force_n * 102.0)
-    status, said = run(path, "--out", tmp_path / "sheet.toml")
-    assert status == 1
-    assert re.search(r"sensitivity_ratio .* FAIL", said)
+    for file in tmp_path.glob("force_*.npy"):
+        np.save(file, np.load(file) * factor)
+    scene = tmp_path / "start.toml"
+    if sensor:
+        scene.write_text(sensor)
+        path.write_text(path.read_text().replace("[start]", f'[start]\nscene = "{scene.name}"'))
+    found, said = run(path, "--out", tmp_path / "sheet.toml")
+    assert found == status, said
+    assert re.search(words, said)
 
 
 def test_one_cycle_tells_hysteresis_and_creep() -> None:

@@ -42,4 +42,7 @@ def test_marks_of_effects_that_are_known_by_hand() -> None:
     assert effect_tables.deck("sensor_creep") == ""
     assert effect_tables.enters("offset_current") == "duty"
     assert effect_tables.enters("sensor_creep") == "resistances, before any engine"
-    assert effect_tables.parameters("row_driver") == "`r_ohm = 1`, `grounded_r_ohm = 1`"
+    assert (
+        effect_tables.parameters("row_driver")
+        == "`r_ohm = 1`, `grounded_r_ohm = 1`, or `r_ohm` where only that is given"
+    )

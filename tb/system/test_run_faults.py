@@ -258,7 +258,8 @@ def test_a_damaged_liberty_is_refused_by_name(tmp_path: Path, content: bytes | N
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    return Bench(tmp_path_factory.mktemp("trials"), seed=718)  # signals come early: no machine is done by then
+    # By this seed signals come early: no machine is done by then.
+    return Bench(tmp_path_factory.mktemp("trials"), seed=718)
 
 
 LONG = [

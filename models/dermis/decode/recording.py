@@ -176,7 +176,7 @@ def _gaps(path: Path, frames: Floats, gaps: str) -> Floats:
 
 
 def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
-    time, name, reversed_axes, time_unit, unit, left = None, None, False, "", "", []
+    time, name, reversed_axes, time_unit, unit, left, file = None, None, False, "", "", [], None
     if suffix == ".npy":
         values = npy_array(data, path.name, "biuf")
     else:
@@ -196,7 +196,7 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
         if part is not None and layout.time_key is None:
             allowed = f"--time-key {name}, without parts of a second, or --rate"
             raise InputError(path, "time", f"{name} and {part}", allowed)
-        time_unit, unit = _unit_of(time), _unit_of(values) or _unit_set(sets)
+        time_unit, unit = _unit_of(time), _unit_of(values) or _unit_set(sets) or _unit_of(file)
         left = [n for n, item in sets.items() if item is not values and n != name]
         values, time = _physical(values), None if time is None else _physical(time)
         if time is not None and time.dtype.kind in "mM":
@@ -228,9 +228,9 @@ def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> Found:
 
 
 def _unit_of(item: Any) -> str:
-    """Return the unit that a data set of HDF5 states, or nothing."""
-    attributes = getattr(item, "attrs", {})
-    return _words(attributes.get("units", attributes.get("unit", "")))
+    """Return the unit that a data set or a file of HDF5 states, or nothing."""
+    told = {name.lower(): value for name, value in getattr(item, "attrs", {}).items()}
+    return _words(told.get("units", told.get("unit", "")))
 
 
 def _words(attribute: Any) -> str:

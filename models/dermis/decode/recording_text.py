@@ -46,7 +46,10 @@ _MARKS = {
 }  # fmt: skip
 _EMPTY = {"", "-", "--", "null", "none", "nan", "na", "n/a", "#n/a", "nil", "missing", "b"}
 """Cells without a value; Tekscan writes B where there is no sensel."""
-_COUNTER = re.compile(r"(.*[._ /])?(seq|frame(_?(no|nr|number|id))?|counter|sample|index|idx)", re.IGNORECASE)
+_COUNTER = re.compile(
+    r"(.*[._ /])?(seq|frame(_?(no|nr|number|id))?|counter|sample|index|idx|id|no|nr|n)|unnamed.*|",
+    re.IGNORECASE,
+)
 LABEL = re.compile(r"[\W_]*frame\b[\W_]*(\d{1,9})(.*)", re.IGNORECASE)
 _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 STAMP = re.compile(NUMBER + r"\s*(m?s)(ec\w*)?\b")
@@ -73,11 +76,12 @@ FACTORS = {
     "kpa": {
         "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mbar": 0.1, "bar": 100.0, "mpa": 1e3, "psi": 6.894757293,
         "mmhg": 0.1333223874, "n/cm2": 10.0, "n/mm2": 1e3, "kg/cm2": 98.0665, "lbf/in2": 6.894757293,
-        "kgf/cm2": 98.0665, "g/cm2": 0.0980665,
+        "kgf/cm2": 98.0665, "g/cm2": 0.0980665, "torr": 0.1333223684, "pascal": 1e-3,
     },
     "newtons": {
         "n": 1.0, "newton": 1.0, "newtons": 1.0, "kg": 9.80665, "kgf": 9.80665, "g": 9.80665e-3, "gf": 9.80665e-3,
-        "lbs": 4.4482216, "lbf": 4.4482216, "mn": 1e-3, "cn": 1e-2, "kn": 1e3,
+        **dict.fromkeys(("lb", "lbs", "lbf", "pound", "pounds"), 4.4482216), "mn": 1e-3, "cn": 1e-2, "kn": 1e3,
+        **dict.fromkeys(("gram", "grams"), 9.80665e-3), **dict.fromkeys(("kilogram", "kilograms"), 9.80665),
     },
     "ohm": {"ohm": 1.0, "ohms": 1.0, "ω": 1.0, "kohm": 1e3, "kω": 1e3},
 }  # fmt: skip
@@ -89,8 +93,9 @@ _UNIT = re.compile(r"[\[(]((?!\d+[\])])[^\])]*)[\])]|\d[ _.]+([^\W\d_]+)$")
 _MAYBE_UNIT = re.compile(r"^\W*[^\W\d]{1,3}$|[/^²%]|[a-z][A-Z]|^[\d.,]+\W*[^\W\d]|[^\W\d]\W+\d")
 """A short word, or one with marks or a number; others are names."""
 _STATED = re.compile(
-    r"(?:.*(?:pressure|force)s?(?: values)? in|[#%\s]*(?:force|pressure|values?|taxels?|data|sensor)?\s*units?\s*[:=])"
-    r"\s*((?:[\d.]+ +)?\S+)\s*$",
+    r"(?:.*(?:pressure|force)s?(?: values)? in|"
+    r"[#%\s]*(?:force|pressure|values?|taxels?|data|sensor)?\s*units?\s*[:=,;\t])"
+    r"\s*((?:[\d.]+ +)?[^\s,;]+)[\s,;]*$|[#%\s]*(?:force|pressure|value|taxel|data)s?\s*[\[(]([^\])]+)[\])][\s,;]*$",
     re.IGNORECASE,
 )
 """Unit of the values in a comment."""
@@ -520,7 +525,7 @@ class Table:
 
     def _scale(self, found: Found, name: str) -> None:
         """Turn values into kPa, N or ohm by the unit in the name of a taxel, or in a comment that says nothing else."""
-        stated = sorted({match[1] for line in self.head if (match := _STATED.match(line))})
+        stated = sorted({match[1] or match[2] for line in self.head if (match := _STATED.match(line))})
         if len(stated) > 1:
             warn(self.path, f"comments state several units, and none is taken: {', '.join(stated)}")
             stated = []
@@ -529,7 +534,7 @@ class Table:
         if any(found.scale(unit) for unit in (*stated, *reversed(named))):
             return
         for unit in (*stated, *named):
-            if unit in stated or _MAYBE_UNIT.search(unit):
+            if unit in stated or _MAYBE_UNIT.search(unit) or name.endswith((f"[{unit}]", f"({unit})")):
                 warn(self.path, f"{quoted(unit)} is no unit that is known: values are taken as they are")
 
     def _chosen(self) -> list[int] | None:
@@ -837,7 +842,7 @@ class Table:
             found.time_unit = time_unit_of(self.names[keys[0]])
 
     def _counters(self, out: list[int], values: Floats) -> None:
-        """Warn of lost numbers in a counter of frames."""
+        """Warn of a counter of frames that leaves out numbers, has some twice, or falls."""
         for k in out if self.names else ():
             column = self._column(k) if _COUNTER.fullmatch(self.names[k]) else [""]
             if all(re.fullmatch(r"\d{1,15}", c) for c in column):
@@ -846,15 +851,18 @@ class Table:
                 # A counter of 8, 16 or 32 bits that reaches its last numbers goes on from 0.
                 size = next((s for s in (1 << 8, 1 << 16, 1 << 32) if 0.9 * s <= numbers.max() < s), 0)
                 steps = np.where((steps < 0) & (numbers[1:] < 0.1 * size), steps + size, steps)
+                name, falls = self.names[k] or f"column {k}", np.flatnonzero(steps < 0)
+                if len(falls) > len(steps) / 4:
+                    if len(set(column)) == len(column):
+                        warn(self.path, f"{name} falls at its value {falls[0] + 2}: frames in another order?")
+                elif len(falls):
+                    warn(self.path, f"{name} begins again at its value {falls[0] + 2}: recordings joined?")
                 if (steps == 1).any() and (lost := int((steps[steps > 1] - 1).sum())):
-                    warn(self.path, f"{self.names[k]} leaves out {lost} numbers: frames lost?")
+                    warn(self.path, f"{name} leaves out {lost} numbers: frames lost?")
                 again = np.flatnonzero(steps == 0)
                 same = int((values[again + 1] == values[again]).all(axis=1).sum())
                 if same and (steps == 1).any():
-                    warn(self.path, f"{self.names[k]} has {same} numbers twice: frames doubled?")
-                if (steps < 0).any() and not (steps < 0).sum() > len(steps) / 4:
-                    at = int(np.argmax(steps < 0)) + 1
-                    warn(self.path, f"{self.names[k]} begins again at its value {at + 1}: recordings joined?")
+                    warn(self.path, f"{name} has {same} numbers twice: frames doubled?")
 
     def _column(self, k: int) -> list[str]:
         return [row[k] for _, line in self.lines if len(row := self._cells(line)) > k]

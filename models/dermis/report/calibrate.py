@@ -31,6 +31,8 @@ STEADY = 1.25
 SENSITIVITY = {True: (0.2, 5.0), False: (0.02, 50.0)}
 """Conductance at a force over that by the sensor of the scene, or by the default one: beyond lie kg (9.8), g, kPa, or a
 weight on each taxel."""
+DOUBTFUL = 2.0
+"""That ratio from which there is a warning where the scene has the sensor: a pound for a newton makes 4.4."""
 MISPLACED_MAX = 0.05
 """Share of pressed readings that may be pressed without a force, or the reverse: the edge of a load is not sharp."""
 
@@ -190,6 +192,12 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             remark = f"conductance at {force:.3g} N over that of the scene: "
             remark += "units (kg for N makes 9.8), a weight for each taxel, or another [sensor] than "
             remark += "its own?" if stated else "the default? [start] scene has that of the sheet"
+            if not stated:
+                recording.warn(path, "[start] scene has no [sensor]: forces of a unit 4 or 10 times off pass")
+            elif not 1 / DOUBTFUL < ratio < DOUBTFUL:
+                recording.warn(
+                    path, f"the sheet conducts {ratio:.3g} times what the [sensor] of its scene does: units?"
+                )
             low, high = SENSITIVITY[stated]
             said.append(verdict.within("calibrate.sensitivity_ratio", ratio, "1", low, high, remark))
             own = [f"{r} {c}" for r, c in made.own]

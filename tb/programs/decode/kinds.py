@@ -248,6 +248,7 @@ def mat73(path: Path) -> None:
 def packed(path: Path, stated: str = "ms") -> None:
     """Write values in hundredths, the first one missing, and times of two names for their unit."""
     with h5py.File(path, "w") as file:
+        file.attrs["Units"] = "N"
         file["p"], file["time_ms"] = np.round(100 * FRAMES), 1e3 * TIME
         file["p"][0, 0, 0] = -1.0
         file["p"].attrs.update(scale_factor=0.01, _FillValue=-1.0)
@@ -543,6 +544,16 @@ CASES: dict[str, Case] = {
     "a clock and ms": csv(flat, {"time": every("23:59:59"), "ms": every("{}")}),
     "days since 1900": csv(flat, EXCEL, asks="--time-unit"),
     "a date that is read in two ways": csv(flat, {"time": every("03/04/2024 10:00:00")}, asks="--rate"),
+    "a counter that falls": csv(flat, {"": [str(20 - n) for n in range(COUNT)]}, says="in another order"),
+    **{
+        f"a first line {line}": Case(
+            f"{line}\n" + table(lambda r, c: f"r{r}c{c}", {"time": seconds()}),
+            {},
+            FRAMES * 4.4482216,
+            unit="newtons",
+        )
+        for line in ("Units,lbf", "Force unit;lbf;;", "# force [pounds]")
+    },
     "a counter that begins again": csv(flat, AGAIN, says="recordings joined"),
     "another rate than the times": csv(
         flat, {"time_s": seconds()}, options=SIZE | {"rate_hz": 100.0}, time_s=TIME / 2, says="overrules"
@@ -554,7 +565,7 @@ CASES: dict[str, Case] = {
     "cut in its last number": Case(CUT_TEXT, SIZE | RATE, CUT, says="cut off"),
     "words at the end": Case(table(flat) + "Stopped by user\n", SIZE | RATE, asks="line 22"),
     "-1 for a missing value": Case(gap("-1"), SIZE | {"missing": -1.0}, without((3, 0, 5))),
-    "packed numbers of HDF5": Case(packed, values=without((0, 0, 0)), file="a.h5"),
+    "packed numbers of HDF5": Case(packed, values=without((0, 0, 0)), unit="newtons", file="a.h5"),
     "whole numbers of netCDF": Case(netcdf, values=PACKED, file="a.h5"),
     "bytes of netCDF without a sign": Case(unsigned, values=NO_SIGN, file="a.h5"),
     "HDF5, a time in two units": Case(
@@ -647,7 +658,7 @@ CASES: dict[str, Case] = {
     "names from one": by_time(lambda r, c: f"row{r + 1}_col{c + 1}", "descending"),
     **{
         f"a name in {unit}": by_time(lambda r, c, u=unit: f"r{r}c{c} [{u}]", says="no unit")
-        for unit in ("0.01 N", "ozf", "%", "MN", "mPa")
+        for unit in ("0.01 N", "ozf", "%", "MN", "mPa", "ounces")
     },
     "names with brackets": by_time(lambda r, c: f"s[{r}][{c}]", "columns"),
     "numbers as names": csv(lambda r, c: flat(r, c, "")),
