@@ -304,10 +304,8 @@ def test_another_unit_for_newtons_is_noticed(
     path = write_session(tmp_path)
     for file in tmp_path.glob("force_*.npy"):
         np.save(file, np.load(file) * factor)
-    scene = tmp_path / "start.toml"
-    if sensor:
-        scene.write_text(sensor)
-        path.write_text(path.read_text().replace("[start]", f'[start]\nscene = "{scene.name}"'))
+    (tmp_path / "start.toml").write_text(sensor)
+    path.write_text(path.read_text().replace("[start]", '[start]\nscene = "start.toml"'))
     found, said = run(path, "--out", tmp_path / "sheet.toml")
     assert found == status, said
     assert re.search(words, said)

@@ -32,12 +32,7 @@ FAULTS = {
         "v(d_preset) > 0 ?\n+ v(d_preset)*",
     ),
     "comparator_pins_swapped": (charge, "vfc", "xcomparator agnd v_int", "xcomparator v_int agnd"),
-    "packet_5_percent_off": (
-        packet,
-        "charge_source",
-        "out vss d_charge vss_d {",
-        "out vss d_charge vss_d {1.05*",
-    ),
+    "packet_5_percent_off": (packet, "charge_source", "vss d_charge vss_d {", "vss d_charge vss_d {1.05*"),
     "mirror_group_missing": (partial(mirror, dut={}), "mirror", "s2 v_gate v_2 d_k1", "s2 v_gate v_2 vss_d"),
     "compression_of_the_divided_current": (
         partial(mirror, dut={"inv_i_range_a": 100.0}),

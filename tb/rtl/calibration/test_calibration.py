@@ -96,10 +96,6 @@ def test_mismatched_columns_are_calibrated_to_parts_of_an_lsb_and_broken_ones_na
     assert error.max() < 0.5 * 1.06 + 0.2
     without = (np.abs(nominal.step_a * (codes - nominal.start_code) - want) / lsb_a)[..., :GOOD]
     assert without.max() > 4
-    print(
-        f"\ngain {gain:.2f} LSB, zero {zero.max():.2f} LSB, codes {error.max():.2f} LSB, {without.max():.1f} without"
-    )
-    print(f"{seen['transactions']} transactions")
 
 
 def without_mismatch(chip: Plan) -> Any:
