@@ -47,7 +47,7 @@ _MARKS = {
 _EMPTY = {"", "-", "--", "null", "none", "nan", "na", "n/a", "#n/a", "nil", "missing", "b"}
 """Cells without a value; Tekscan writes B where there is no sensel."""
 _COUNTER = re.compile(
-    r"(.*[._ /])?(seq|frame(_?(no|nr|number|id))?|counter|sample|index|idx|id|no|nr|n)|unnamed.*|",
+    r"(.*[._ /])?(seq|frame(_?(no|nr|number|id))?|counter|sample|index|idx)|id|no|nr|n|unnamed.*|",
     re.IGNORECASE,
 )
 LABEL = re.compile(r"[\W_]*frame\b[\W_]*(\d{1,9})(.*)", re.IGNORECASE)

@@ -193,11 +193,9 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             remark += "units (kg for N makes 9.8), a weight for each taxel, or another [sensor] than "
             remark += "its own?" if stated else "the default? [start] scene has that of the sheet"
             if not stated:
-                recording.warn(path, "[start] scene has no [sensor]: forces of a unit 4 or 10 times off pass")
+                recording.warn(path, "its scene has no [sensor]: forces in pounds or kg would pass")
             elif not 1 / DOUBTFUL < ratio < DOUBTFUL:
-                recording.warn(
-                    path, f"the sheet conducts {ratio:.3g} times what the [sensor] of its scene does: units?"
-                )
+                recording.warn(path, f"the sheet conducts {ratio:.3g} times what its [sensor] does: units?")
             low, high = SENSITIVITY[stated]
             said.append(verdict.within("calibrate.sensitivity_ratio", ratio, "1", low, high, remark))
             own = [f"{r} {c}" for r, c in made.own]
