@@ -94,6 +94,7 @@ board: base ## a column of the direct interface from parts on a board, in ngspic
 bench: setup ## speed and accuracy figures, into build/bench.json
 	@$(dermis) bench $(ARGS)
 
+# Workers share the cores: threads of BLAS would wait for one another.
 test: setup ## tests [TESTS=paths] [JOBS=2] [LONG=1: long ones as well, a browser's too] [ARGS="-k word"]
 	@$(if $(LONG),scripts/setup.sh browser && scripts/setup.sh fpga)
 	@OPENBLAS_NUM_THREADS=1 .venv/bin/pytest -n $(JOBS) --dist worksteal $(if $(LONG),-m '') $(ARGS) $(TESTS)

@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 from scipy.linalg import expm
 
-from dermis.array.array import Network, column_currents_by_source
+from dermis.array.array import Network, column_currents
 from dermis.converter import walk
 from dermis.converter.coupling import on_columns, seen_from_grounds
 from dermis.records import Plan
@@ -51,9 +51,12 @@ def _row(plan: Plan, frame: int, row: int) -> np.ndarray:
     share = bool(drive.motion) * np.minimum(seconds / drive.t_frame_s, 1.0)
     taxels = (1.0 - share)[:, None, None] * g[frame] + share[:, None, None] * behind[frame]
     angle = 2.0 * np.pi * drive.f_ripple_hz * (frame * drive.t_frame_s + seconds) + drive.phase_ripple_rad
-    driven, rest = column_currents_by_source(Network(g[frame], plan.v_bias_v, **plan.surrounding), taxels)
-    current = driven[:, row] * (1.0 + drive.ripple * np.sin(angle))[:, None]
-    duty = converter.duty(current if rest is None else current + rest[:, row])
+    # Currents are a straight line in the bias, whatever else drives them.
+    once, twice = (
+        column_currents(Network(g[frame], bias_v, **plan.surrounding), taxels)[:, row]
+        for bias_v in (plan.v_bias_v, 2.0 * plan.v_bias_v)
+    )
+    duty = converter.duty(once + (drive.ripple * np.sin(angle))[:, None] * (twice - once))
     state = np.concatenate([cell["w0"]] * (2 if slow else 1))
     last, before, count = (np.zeros(cols) for _ in range(3))
     high = (cell["w0"] >= cell["rise"]).astype(float)
